@@ -200,7 +200,7 @@ def commands(manifest: Manifest, folder: str) -> Iterator[str]:
 
 def _options(sample: Sample, problem: Problem) -> Iterator[str]:
     yield f"--count {sample.count} --seed {sample.seed} --family {shlex.quote(sample.family)}"
-    yield f"--shares {','.join(map(str, sample.shares))}"
+    yield f"--shares {','.join(map(str, sample.shares))} --rows-per-shard {sample.shard_rows}"
     if problem.orbit is None:
         yield f"--altitude {altitude_of(problem.mean_motion)}"
     else:

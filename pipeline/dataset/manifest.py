@@ -159,7 +159,7 @@ class Shard:
     def scenario_ids(self) -> list[str]:
         """Names of its scenarios, in order."""
         one = self.sample
-        drawn = [one.drawn_as(row) for row in self.rows]
+        drawn = one.drawn_as(self.rows)
         return [scenario_id(one.family, one.seed, self.n, k, split) for split, k in drawn]
 
     @property

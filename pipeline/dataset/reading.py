@@ -18,7 +18,6 @@ from pipeline.urls import public_url
 LEARNED = ("initial", "goal", "states")  # columns that training reads
 SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
 MEMORY = 2e9  # bytes that training may take for its data by default
-_SOLVED = pc.field("status") == SOLVED
 COPIES = 8  # how often examples are in memory while they are read and encoded, at the worst
 
 
@@ -33,12 +32,20 @@ def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard])
 
 
 def read_solved(
-    folder: Folder, manifest: Manifest, shard: Shard, columns: Sequence[str] | None = None
+    folder: Folder,
+    manifest: Manifest,
+    shard: Shard,
+    columns: Sequence[str] | None = None,
+    *,
+    again: bool = False,
 ) -> pa.Table:
-    """The rows of a solved shard, or some of their columns; InputError where it is damaged."""
+    """The rows of a solved shard, or some of their columns; InputError where it is damaged.
+
+    ``again`` says that it was read before by the same manifest.
+    """
     name = shard.solved
     try:
-        table = read_shard(folder, name, manifest.shards[name], shard.most, columns)
+        table = read_shard(folder, name, manifest.shards[name], shard.most, columns, again=again)
         if not has_metadata(table, shard.metadata(name)):
             raise InputError("was made with other settings than the manifest has")
     except InputError as error:
@@ -68,7 +75,7 @@ def solved_rows(
 
 def examples(where: Where | Folder, n: int, split: str) -> Examples:
     """Solved instances of a split as arrays; InputError also where none is solved."""
-    found = _examples(solved_rows(where, n, split, LEARNED), n)
+    found = _examples(solved_rows(where, n, split, LEARNED), n, split)
     if len(found) == 0:
         raise InputError(
             f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
@@ -86,14 +93,14 @@ def examples_within(
     manifest = read_manifest(folder)
     shards = _shards(folder, manifest, n, split)
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
-    count = sum(len(table.filter((pc.field("split") == split) & _SOLVED)) for table in tables)
+    count = sum(len(_chosen(table, split)) for table in tables)
     buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
     if count <= buffer:
         return examples(where, n, split)
 
     def read(part: int) -> Examples:
-        table = read_solved(folder, manifest, shards[part], [*LEARNED, *SELECTED_BY])
-        return _examples(table.filter(pc.field("split") == split), n)
+        table = read_solved(folder, manifest, shards[part], [*LEARNED, *SELECTED_BY], again=True)
+        return _examples(table, n, split)
 
     return ExampleStream(manifest.problem, n, count, buffer, len(shards), read)
 
@@ -113,8 +120,14 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
     return [s for s in every if split is None or split in s.sample.splits_of(s.number)]
 
 
-def _examples(table: pa.Table, n: int) -> Examples:
-    table = table.filter(_SOLVED)
+def _chosen(table: pa.Table, split: str) -> pa.Table:
+    """The solved rows of a split; the table itself where that is all of them, as it mostly is."""
+    fits = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
+    return table if pc.all(fits).as_py() else table.filter(fits)
+
+
+def _examples(table: pa.Table, n: int, split: str) -> Examples:
+    table = _chosen(table, split)
     problem = problem_of(table)
     ends = stacked(table, "initial", n, 6), stacked(table, "goal", n, 6)
     return Examples(problem, *ends, stacked(table, "states", n, problem.nodes, 6))

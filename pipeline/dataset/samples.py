@@ -40,9 +40,13 @@ class Sample:
         ends = (0, train, min(train + valid, self.count), self.count)
         return {split: range(*rows) for split, rows in zip(SPLITS, pairwise(ends), strict=True)}
 
-    def drawn_as(self, row: int) -> tuple[str, int]:
-        """The split of a row's scenario, and its index there."""
-        return next((name, row - of.start) for name, of in self.splits.items() if row in of)
+    def drawn_as(self, rows: range) -> list[tuple[str, int]]:
+        """The split of each row's scenario, and its index there."""
+        return [
+            (split, row - of.start)
+            for split, of in self.splits.items()
+            for row in range(max(of.start, rows.start), min(of.stop, rows.stop))
+        ]
 
     def rows(self, shard: int) -> range:
         """The rows of a shard, counted over the whole sample."""

@@ -70,7 +70,7 @@ def draw_shard(shard: Shard, _: bytes) -> NewShard:
     """In a worker: the scenarios of a shard; its plans are dropped where these have changed."""
     about, one = shard.about, shard.sample
     check_worker(about.made_with.sample, SAMPLED_BY)
-    drawn = [one.drawn_as(row) for row in shard.rows]
+    drawn = one.drawn_as(shard.rows)
     scenarios = draw_many(one.family, one.seed, shard.n, drawn, about.problem)
     splits = [split for split, _ in drawn]
     content = encode(scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))

@@ -101,7 +101,7 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
             return False
         return same_scenarios(table, decode(folder.read(shard.scenarios), shard.most))
 
-    if name in ledger.manifest.shards or not folder.exists(name):
+    if name in ledger.shards or not folder.exists(name):
         return ledger.is_sound(name)
     return ledger.adopt(name, shard.most, fits)
 

@@ -172,7 +172,7 @@ def _faults(check: Check, content: bytes | str) -> list[Fault]:
     if other or not right:
         alone = bool(other) and not timings and stands_alone(content)
         return [Fault(name, other if right else DIGEST, sound=alone)]
-    splits, faults = [shard.sample.drawn_as(row)[0] for row in shard.rows], []
+    splits, faults = [split for split, _ in shard.sample.drawn_as(shard.rows)], []
     if not timings and table["split"].to_pylist() != splits:
         faults.append("has rows of other splits than they were drawn for")
     if check.kind == "solved":

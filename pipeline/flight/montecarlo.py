@@ -188,7 +188,7 @@ def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
 
     InputError where it was made with other settings or versions.
     """
-    name, folder, listed = portion.path, ledger.folder, ledger.manifest.shards
+    name, folder, listed = portion.path, ledger.folder, ledger.shards
     if name in listed and not ledger.is_sound(name):
         return False
     try:
@@ -248,6 +248,6 @@ def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int)
         return pa.concat_tables(parts).slice(0, trials).combine_chunks()
 
     portions = list(_portions(of, loop, trials))
-    rows, seconds = read(ledger.manifest.shards), read(ledger.timed, TIMINGS)["replan_seconds"]
+    rows, seconds = read(ledger.shards), read(ledger.timed, TIMINGS)["replan_seconds"]
     columns = {name: rows[name].to_numpy() for name in rows.column_names}
     return {**columns, "replan_seconds": seconds.combine_chunks().flatten().to_numpy()}

@@ -96,7 +96,9 @@ class Ledger(Generic[Kind]):
     """The manifest of a folder that is being written, kept in step with its shards."""
 
     def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
-        self.folder, self.manifest, self._progress = folder, manifest, progress
+        self.folder, self._about, self._progress = folder, replace(manifest, shards={}), progress
+        # SHA-256 of each shard, by its path: grows in place, since a folder may have very many.
+        self.shards = dict(manifest.shards)
         known = read_timed(folder) if folder.exists(TIMED) else {}
         # SHA-256 of each shard of timings, by the path of the shard that they belong to.
         self.timed = dict(known or {})
@@ -105,9 +107,14 @@ class Ledger(Generic[Kind]):
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._not_before = -float("inf")
 
+    @property
+    def manifest(self) -> Kind:
+        """The manifest with the shards of now; made anew, so ask ``shards`` for one of many."""
+        return replace(self._about, shards=dict(self.shards))
+
     def is_sound(self, name: str) -> bool:
         """Whether a shard has the digest in the manifest; read only if it may have changed."""
-        known = self.manifest.shards.get(name)
+        known = self.shards.get(name)
         if known is None:
             return False
         stamp = self.folder.stamp(name)
@@ -123,7 +130,7 @@ class Ledger(Generic[Kind]):
     ) -> None:
         """Write a shard and its timings, drop ``derived`` where it changed, set others aside."""
         digest = digest_of(content)
-        if self.manifest.shards.get(name, digest) != digest:
+        if self.shards.get(name, digest) != digest:
             self.drop([derived])
         if self.folder.exists(name) and not self._holds(name, digest):
             set_aside(self.folder, name, self._progress)
@@ -131,7 +138,7 @@ class Ledger(Generic[Kind]):
             self.folder.publish(TIMINGS + name, timings)
             self.timed[name] = digest_of(timings)
         self.folder.publish(name, content)
-        self._add(name, digest)
+        self.shards[name] = digest
         stamp = self.folder.stamp(name)
         if stamp is not None:
             self._stamps[name] = [*stamp, digest]
@@ -150,33 +157,28 @@ class Ledger(Generic[Kind]):
         digest = digest_of(content)
         if not whole or belongs_to != digest.encode():
             return False
-        self._add(name, digest)
+        self.shards[name] = digest
         self.timed[name] = digest_of(timings)
         return True
 
     def drop(self, names: Iterable[str]) -> None:
         """Drop shards from the manifest."""
-        dropped = set(names)
-        left = {k: v for k, v in self.manifest.shards.items() if k not in dropped}
-        self.manifest = replace(self.manifest, shards=left)
+        for name in names:
+            self.shards.pop(name, None)
 
     def commit(self) -> None:
         """Write the manifest, the digests of timings and the stamps, where they have changed."""
-        started = monotonic()
+        started, now = monotonic(), (self.manifest, dict(self.timed), dict(self._stamps))
         manifest, timed, stamps = self._committed
         if self.timed != timed:
             shards = dict(sorted(self.timed.items()))
             write_checked(self.folder, TIMED, {"schema": TIMED_SCHEMA, "shards": shards})
-        if self.manifest != manifest:
-            write_checked(self.folder, MANIFEST, self.manifest.fields(), COPY)
+        if now[0] != manifest:
+            write_checked(self.folder, MANIFEST, now[0].fields(), COPY)
         if self._stamps != stamps:
             self.folder.publish(STAMPS, (json.dumps(self._stamps, indent=1) + "\n").encode())
-        self._committed = self.manifest, dict(self.timed), dict(self._stamps)
-        now = monotonic()
-        self._not_before = now + (now - started) / COMMIT_SHARE
-
-    def _add(self, name: str, digest: str) -> None:
-        self.manifest = replace(self.manifest, shards={**self.manifest.shards, name: digest})
+        self._committed, ended = now, monotonic()
+        self._not_before = ended + (ended - started) / COMMIT_SHARE
 
     def _holds(self, name: str, digest: str) -> bool:
         try:
@@ -226,9 +228,8 @@ def write_shards(
 
 def set_aside(folder: Folder, name: str, progress: Progress, top: str = DAMAGED) -> None:
     """Move a file out of the way of readers, under a new name, and say so."""
-    there = set(folder.names())
     names = (f"{top}{name}.{number}" for number in count(1))
-    aside = next(one for one in names if one not in there)
+    aside = next(one for one in names if not folder.exists(one))
     folder.move(name, aside)
     progress.say(f"{name} in {folder} is set aside as {aside}.")
 

@@ -43,13 +43,20 @@ def encode(table: pa.Table) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table in a shard's bytes; InputError where they are damaged or hold too much."""
+def decode(
+    content: bytes, most: Size, columns: Sequence[str] | None = None, *, again: bool = False
+) -> pa.Table:
+    """The table in a shard's bytes; InputError where they are damaged or hold too much.
+
+    ``again`` says that these very bytes, by their digest, were decoded before: their checks, which
+    take longer than reading, are then left out.
+    """
     try:
-        with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True) as file:
-            _refuse_larger(sound_metadata(file, most.rows), most)
-            _refuse_long_texts(content, file.schema_arrow, most)
-            _refuse_contradiction(file)
+        with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=not again) as file:
+            if not again:
+                _refuse_larger(sound_metadata(file, most.rows), most)
+                _refuse_long_texts(content, file.schema_arrow, most)
+                _refuse_contradiction(file)
             return file.read(columns=None if columns is None else list(columns), use_threads=False)
     except InputError:
         raise
@@ -58,16 +65,25 @@ def decode(content: bytes, most: Size, columns: Sequence[str] | None = None) -> 
 
 
 def read_shard(
-    folder: Folder, name: str, digest: str, most: Size, columns: Sequence[str] | None = None
+    folder: Folder,
+    name: str,
+    digest: str,
+    most: Size,
+    columns: Sequence[str] | None = None,
+    *,
+    again: bool = False,
 ) -> pa.Table:
-    """Rows, or some columns, of a shard with a digest; InputErrors leave out its name."""
+    """Rows, or some columns, of a shard with a digest; InputErrors leave out its name.
+
+    ``again`` is as in ``decode``.
+    """
     try:
         content = folder.read(name)
     except OSError as error:
         raise InputError(f"cannot be read ({folder.reason(error)})") from error
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
-    return decode(content, most, columns)
+    return decode(content, most, columns, again=again)
 
 
 def digest_of(content: bytes) -> str:

@@ -25,13 +25,14 @@ class Cluster:
         folder.mkdir()
         self.folder, self.started = folder, list[Process]()
         self.where = ["--host", f"{protocol}://127.0.0.1"]
-        self.scheduler = self._start("dask_scheduler", *self.where, "--port", "0")
+        self.scheduler = self.start("dask_scheduler", *self.where, "--port", "0")
         self.log, self.workers = folder / "0.log", list[Process]()
         found = re.compile(rf"Scheduler at:\s+({protocol}://127\.0\.0\.1:\d+)")
         until(lambda: found.search(self.log.read_text()))
         self.address = found.findall(self.log.read_text())[0]
 
-    def _start(self, module: str, *arguments: str) -> Process:
+    def start(self, module: str, *arguments: str) -> Process:
+        """A process of one of Dask's modules, and its log."""
         k = len(self.started)
         command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
         with (self.folder / f"{k}.log").open("w") as log:
@@ -43,7 +44,7 @@ class Cluster:
         for _ in range(count):
             scratch = ["--local-directory", str(self.folder / f"scratch{len(self.started)}")]
             options = ["--nthreads", "1", "--no-nanny", *scratch]
-            self.workers.append(self._start("dask_worker", self.address, *options))
+            self.workers.append(self.start("dask_worker", self.address, *options))
 
     def await_workers(self, count: int = 2) -> None:
         """Wait until so many are there."""
@@ -70,7 +71,7 @@ class Cluster:
     def start_scheduler_again(self) -> None:
         """Start another at the same address."""
         port = self.address.rpartition(":")[2]
-        self.scheduler = self._start("dask_scheduler", *self.where, "--port", port)
+        self.scheduler = self.start("dask_scheduler", *self.where, "--port", port)
 
     def end(self) -> None:
         """Kill whatever still runs."""

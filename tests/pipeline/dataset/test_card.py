@@ -179,7 +179,7 @@ ECCENTRIC = CIRCLE.about(ReferenceOrbit(8.1e6 / 3 * 3.1, 0.123, 51.6, raan_deg=1
 
 
 @pytest.mark.parametrize("problem", [CIRCLE, ECCENTRIC], ids=["a circle", "e 0.123"])
-def test_the_commands_in_the_card_make_the_same_rows(tmp_path, monkeypatch, problem):
+def test_the_commands_in_the_card_make_the_same_bytes(tmp_path, monkeypatch, problem):
     monkeypatch.chdir(tmp_path)
     one = Sample(family="tilt-split", seed=7, count=4, shares=(0.5, 0.25, 0.25), shard_rows=3)
     sample(
@@ -191,11 +191,10 @@ def test_the_commands_in_the_card_make_the_same_rows(tmp_path, monkeypatch, prob
     for line in f"prolearn{block}".strip().splitlines():
         done = CliRunner().invoke(app, shlex.split(line)[1:])
         assert done.exit_code == 0, done.output
-    first, again = (
-        rows_of(tmp_path / "data" / name, ["n=*/*.parquet"]) for name in ("first", "again")
-    )
-    assert len(first) == 6
-    assert again.to_pylist() == first.to_pylist()
+    first, again = (content(tmp_path / "data" / name) for name in ("first", "again"))
+    shards = [name for name in first if name.startswith("n=")]
+    assert len(shards) == 3
+    assert [again[name] for name in shards] == [first[name] for name in shards]
 
 
 def test_a_preset_is_named_even_where_sizes_are_missing(solved):
@@ -237,7 +236,7 @@ def test_a_split_is_there_whole_or_not_by_itself(solved, one):
         *range(len(files))
     ], "each file once"
     for name, some in found.items():
-        held = {one.drawn_as(row)[0] for file in some for row in file.shard.rows}
+        held = {split for file in some for split, _ in one.drawn_as(file.shard.rows)}
         assert name.split("_") == [HUB_NAMES[s] for s in HUB_NAMES if s in held]
         rows = sum(len(one.splits[split]) for split in held)
         assert rows == sum(file.rows for file in some)

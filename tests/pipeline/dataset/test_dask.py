@@ -1,12 +1,15 @@
 """Real Dask schedulers and worker processes on loopback, killed and started again."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import threading
 import time
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -17,7 +20,11 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import NameOID
+from moto.server import ThreadedMotoServer
+from typer.testing import CliRunner
 
+from cli.main import app
+from pipeline.dataset import samples as presets
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.sampling import sample
 from pipeline.dataset.solving import solve
@@ -32,6 +39,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
+from pipeline.storage.folder import open_folder
 
 pytestmark = pytest.mark.system
 
@@ -236,3 +244,48 @@ def test_a_cluster_with_certificates_works_and_refuses_who_has_none(
     finally:
         cluster.end()
     assert content(there) == content(here)
+
+
+@pytest.fixture
+def bucket(monkeypatch):
+    """An S3 server on this machine, where AWS's tools find it, and a bucket there."""
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    keys = {"ACCESS_KEY_ID": "key", "SECRET_ACCESS_KEY": "secret", "DEFAULT_REGION": "us-east-1"}
+    for name, value in {**keys, "ENDPOINT_URL": f"http://{host}:{port}"}.items():
+        monkeypatch.setenv(f"AWS_{name}", value)
+    urlopen(Request(f"http://{host}:{port}/data", method="PUT")).close()
+    yield "data"
+    server.stop()
+
+
+def test_the_commands_for_a_cluster_in_the_documentation_make_a_dataset_in_a_bucket(
+    cluster, bucket, tmp_path, monkeypatch
+):
+    page = (Path(__file__).parents[3] / "docs" / "dataset.md").read_text(encoding="utf-8")
+    block = page.partition("## On a cluster\n\n```\n")[2].partition("```")[0]
+    here = {"tcp://HOST:8786": cluster.address, "--nworkers -1": "--nworkers 2", "BUCKET": bucket}
+    for written, meant in here.items():
+        assert written in block
+        block = block.replace(written, meant)
+    scheduler, worker, make = (shlex.split(line, comments=True) for line in block.splitlines())
+    assert scheduler == ["dask", "scheduler"]  # as the one that runs
+    assert worker[:2] == ["dask", "worker"]
+    cluster.start("dask_worker", *worker[2:], "--local-directory", str(tmp_path / "scratch"))
+    cluster.await_workers(2)
+    tiny = {2: Sample(count=9, shard_rows=2), 3: Sample(count=2)}  # what `paper` means here
+    monkeypatch.setitem(presets.PRESETS, "paper", tiny)
+    done = CliRunner().invoke(app, make[1:])
+    assert (done.exit_code, done.stdout) == (
+        0,
+        f"s3://{bucket}/paper is solved (11 now, 0 without a plan).\n",
+    )
+    sample(tmp_path / "here", tiny, Problem(), workers=Workers(1))
+    solve(tmp_path / "here", Settings(), workers=Workers(1))
+    there = open_folder(f"s3://{bucket}/paper")
+    shards = [name for name in content(tmp_path / "here") if name.endswith(".parquet")]
+    assert len(shards) == 12
+    for name in shards:
+        assert there.read(name) == (tmp_path / "here" / name).read_bytes()
+    assert list(verify(there, workers=Workers(1))) == []

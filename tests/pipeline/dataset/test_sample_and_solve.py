@@ -56,7 +56,7 @@ def test_the_schema_is_the_published_one_and_carries_the_problem(solved):
 
 def test_splits_follow_each_other_with_their_shares_and_are_numbered_anew():
     one = Sample(count=1000, shares=(0.7, 0.2, 0.1))
-    drawn = [one.drawn_as(row) for row in range(1000)]
+    drawn = [row for k in range(one.shards) for row in one.drawn_as(one.rows(k))]
     assert [split for split, _ in drawn] == ["train"] * 700 + ["valid"] * 200 + ["test"] * 100
     assert [index for _, index in drawn] == [*range(700), *range(200), *range(100)]
 

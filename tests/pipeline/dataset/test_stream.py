@@ -49,7 +49,7 @@ def write_dataset(folder, n, one, problem=None):
             "scenario_id": [f"row-{k}" for k in rows],
             "n_spacecraft": [n] * len(rows),
             "family": ["rings"] * len(rows),
-            "split": [one.drawn_as(k)[0] for k in rows],
+            "split": [split for split, _ in one.drawn_as(rows)],
             "initial": list(initial.reshape(len(rows), -1)),
             "goal": list(goal.reshape(len(rows), -1)),
             "status": ["solved" if ok else "unsolved" for ok in solved],
