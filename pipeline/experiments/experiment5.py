@@ -155,7 +155,7 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     Rows have columns ``SWARM``, planned, ``CONDITION``, seeds, trials (scenarios) and those of
     ``AVERAGES``. Intervals are ``clustered_interval``'s, since flights of one scenario are alike.
     """
-    group, plan = [*SWARM, "planned", *CONDITION], [*SWARM, "training_seed", "trial"]
+    group, plan = [*SWARM, *CONDITION, "planned"], [*SWARM, "training_seed", "trial"]
     bound, unsafe = (flights[name].astype(float) for name in ("delta_v_bound", "unsafe_replans"))
     rows = flights.assign(
         recipe=flights["recipe"].fillna(""),
