@@ -9,6 +9,7 @@ import pandas as pd
 
 from cli.jobs.experiments import COLUMNS
 from cli.settings import TrainingSettings
+from pipeline.dataset.examples import ExampleSource
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
@@ -114,7 +115,8 @@ class AskedTraining:
 
     @classmethod
     def of(cls, arch: str, seed: int, settings: TrainingSettings) -> "AskedTraining":
-        """The training on the data as they are now."""
+        """The training on the data as they are now; InputError where there are none."""
+        check_range("memory in GB", settings.memory, *MEMORY)
         digest = read_manifest(settings.data).digest(settings.n)
         return cls(arch, seed, settings, digest)
 
@@ -138,8 +140,9 @@ def train_model(
     the loss diverges or the tracking store fails.
     """
     asked = AskedTraining.of(arch, seed, settings)
+    data = _examples(asked, progress)
     connect()  # a store that is away is better known before training than after
-    finished = _learned(asked, progress)
+    finished = _learned(asked, data, progress)
     version = _recorded(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
 
@@ -177,16 +180,22 @@ def _learned_there(
             f"{public_url(how.data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
-    return _learned(asked, SILENT)
+    return _learned(asked, _examples(asked, SILENT), SILENT)
 
 
-def _learned(asked: AskedTraining, progress: Progress) -> FinishedTraining:
+def _examples(asked: AskedTraining, progress: Progress) -> tuple[ExampleSource, ExampleSource]:
+    """What a training learns from, and what decides which weights are kept."""
+    how, seed, memory = asked.settings, asked.seed, asked.settings.memory * 1e9
+    recipe = followed_recipe(asked.arch, seed, how)
+    return sources(recipe, how.data, how.n, seed=seed, memory=memory, progress=progress)
+
+
+def _learned(
+    asked: AskedTraining, data: tuple[ExampleSource, ExampleSource], progress: Progress
+) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
     arch, seed, how = asked.arch, asked.seed, asked.settings
-    recipe = followed_recipe(arch, seed, how)
-    check_range("memory in GB", how.memory, *MEMORY)
-    memory = how.memory * 1e9
-    learn, valid = sources(recipe, how.data, how.n, seed=seed, memory=memory, progress=progress)
+    recipe, (learn, valid) = followed_recipe(arch, seed, how), data
     trained = train(arch, recipe, learn, valid, seed=seed, device=how.device, progress=progress)
     trials = validation_trials(trained.model, how.data, how.n)
     error = position_rmse(trained.model, valid)

@@ -72,7 +72,7 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     evaluate(asked, workers=Workers(1))
     files = report(folder / "reports")
     text = files.markdown.read_text()
-    assert "Plans of 1 test scenario of n = 3" in text
+    assert "Plans of test scenarios, 1 of n = 3, are flown" in text
     assert "Experiment 5: models:/prolearn-lstm1/1 took part there and not in this" in text
     provenance = pd.read_csv(folder / "reports/tables/provenance.csv").set_index("part")["run"]
     assert provenance["Experiment 5"] == found.run_id

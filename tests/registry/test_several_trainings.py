@@ -7,7 +7,7 @@ from clusters import Cluster
 
 from cli.jobs.train import AskedTraining, train_model, train_models, trained_before
 from cli.settings import TrainingSettings
-from pipeline.errors import ProlearnError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
 from registry.models import ModelVersion, load
 
@@ -48,3 +48,11 @@ def test_a_worker_that_reads_other_data_is_refused(
     asked = [AskedTraining("ff1", seed, how, "0" * 64) for seed in (0, 1)]
     with pytest.raises(ProlearnError, match="other data on a worker"):
         train_models(asked, Workers(jobs=1))
+
+
+def test_data_without_the_size_are_refused_before_a_store_is_made(
+    fresh: Path, solved: Path
+) -> None:
+    with pytest.raises(InputError, match="no scenarios of n=7"):
+        train_model("ff1", 0, TrainingSettings(data=str(solved), n=7, device="cpu"))
+    assert not list(fresh.glob("mlflow.db*"))
