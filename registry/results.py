@@ -18,7 +18,7 @@ from pipeline.storage.shards import digest_of
 from pipeline.storage.tables import table_bytes, table_from
 from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
-from registry.running import FAILURES, recorded_run
+from registry.running import recorded_run
 from registry.store import EVALUATION, Store, opened
 
 LISTED = 5  # most runs that an error message names
@@ -191,7 +191,7 @@ def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
     try:
         path = Path(mlflow.artifacts.download_artifacts(**place, tracking_uri=store.uri))
         digest = digest_of(path.read_bytes())
-    except FAILURES as error:
+    except Exception as error:  # of any kind: where files are, each cloud's library has its own
         raise ProlearnError(
             f"{name} of run {run.run_id} of {run.experiment} cannot be fetched ({error}); restore "
             "the file, or run the experiment again; where the project was moved, see "

@@ -40,7 +40,7 @@ from registry.models import (
     run_of_version,
 )
 from registry.pyfunc import SIGNATURE
-from registry.running import FAILURES, recorded_run
+from registry.running import recorded_run
 from registry.store import TRAINING, Store, opened
 
 CURVES = ("train_loss", "valid_loss")
@@ -267,7 +267,7 @@ def add_model_results(
             used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
             store.client.log_inputs(version.run_id, [used])
             store.client.log_artifacts(version.run_id, str(figures), "figures")
-        except FAILURES as error:
+        except Exception as error:  # of any kind: where files are, each cloud's library has its own
             reason = next(iter(str(error).splitlines()), "")[:300]
             entities.warn(
                 f"The evaluation of {version.uri} is not added to its training run ({reason})."
