@@ -115,7 +115,6 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/mlflow ui --backend-store-uri $${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db} --port $(PORT)
 
 MARKS ?= system or not system
-# What tests import is compiled once, not in every process that one starts.
 test: $(BIN)/pytest $(BIN)/sphinx-build ## the tests; MARKS="not system" without those that need a browser, servers or kills
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 
