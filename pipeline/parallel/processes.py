@@ -32,6 +32,8 @@ class WorkersLostError(Exception):
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
     """Results of calls as they are done, each drawn at its turn; WorkersLostError after a kill."""
     _remove_left_semaphores()
+    # Loky ends a worker whose memory grows, by a cache of data or a library, and starts another.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     parallel = joblib.Parallel(
         n_jobs=jobs,
         backend="loky",

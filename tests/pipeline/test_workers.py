@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,23 @@ def test_a_task_alone_is_done_without_another_process(tasks, here):
     done = dict(Workers(2).work(process, range(tasks), lambda task: b""))
     assert done.keys() == set(range(tasks))
     assert (set(done.values()) == {os.getpid()}) == here
+
+
+kept: list[bytes] = []
+
+
+def grow(task, content):
+    """Keep 160 MB in this process, more slowly than loky looks at its memory."""
+    kept.append(b"x" * 160_000_000)
+    time.sleep(1.1)
+    return os.getpid()
+
+
+def test_workers_that_grow_are_replaced_without_a_word(recwarn):
+    done = dict(Workers(2).work(grow, range(8), lambda task: b""))
+    assert done.keys() == set(range(8))
+    assert len(set(done.values())) > 2
+    assert not recwarn.list
 
 
 GIVEN_UP = """
