@@ -28,6 +28,7 @@ from pipeline.scenario import Scenario, participants, shared_problem
 from pipeline.scenario.waypoint import missed
 
 FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
+SUM_ROUNDING = 1e-13  # share of a fuel by which sums of it in another order may be off
 
 
 @dataclass(frozen=True)
@@ -347,6 +348,7 @@ def certify(
         of_each = zip(np.split(controls, starts[1:]), scenarios, strict=True)
         burned = np.concatenate([fuel_of(one, problem.thrust, s.limits) for one, s in of_each])
     used = np.add.reduceat(burned, starts).tolist()
+    bounds = [(_rounded_down(b, u), proof) for u, (b, proof) in zip(used, bounds, strict=True)]
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, starts)
     defect = np.zeros(len(states))
@@ -439,6 +441,11 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
     if fuel_lower_bound > problem.negligible_fuel:
         return fuel_used / fuel_lower_bound - 1
     return 0.0 if fuel_used <= problem.negligible_fuel else float("inf")
+
+
+def _rounded_down(bound: float, fuel_used: float) -> float:
+    """A lower bound on fuel; the fuel itself, m/s², where rounding of sums puts the bound above."""
+    return min(bound, fuel_used) if bound <= fuel_used * (1 + SUM_ROUNDING) else bound
 
 
 def _least_separations(

@@ -120,6 +120,18 @@ def test_craft_that_keep_too_close_all_the_way_are_never_solved():
             assert "craft 0 and 1 come within 10 m" in plan.message
 
 
+def test_a_bound_that_rounding_puts_above_the_fuel_is_the_fuel():
+    """Sums in another order differ by an ulp or two, on some machines more than on others."""
+    controls = np.full((1, 3, 3), 0.1)
+    scenario, _ = scenario_of([0] * 6, controls=controls, problem=Problem(nodes=4))
+    fuel = planned("one", scenario, Made(controls, 0.0)).certificate.fuel
+    above = np.nextafter(fuel, 1.0)
+    found = planned("one", scenario, Made(controls, above)).certificate
+    assert (found.fuel_lower_bound, found.optimality_gap) == (fuel, 0.0)
+    wrong = planned("one", scenario, Made(controls, 1.001 * fuel)).certificate
+    assert wrong.optimality_gap < -0.9e-3  # a bound that is wrong is not hidden
+
+
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():
     limited = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)
     controls = np.full((1, 3, 3), 1.1e-3)
