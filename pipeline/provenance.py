@@ -39,17 +39,26 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
         for node in ast.walk(tree):
             if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
                 del node.body[0]
-        content = _text(tree).encode()
+        content = "\n".join(_described(tree)).encode()
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
 
 
-def _text(node: Any) -> str:
-    """A syntax tree as text, without absent fields: so later Pythons give the same."""
-    if isinstance(node, ast.AST):
-        parts = ((k, v) for k, v in ast.iter_fields(node) if v is not None and v != [])
-        return f"{type(node).__name__}({','.join(f'{k}={_text(v)}' for k, v in parts)})"
-    return f"[{','.join(map(_text, node))}]" if isinstance(node, list) else repr(node)
+def _described(tree: ast.Module) -> Iterator[str]:
+    """The nodes of a syntax tree, level by level; absent fields are left out, as later Pythons do.
+
+    Each node comes with its fields, and how many nodes are in them: no two trees give the same.
+    """
+    for node in ast.walk(tree):
+        yield type(node).__name__
+        for name, value in ast.iter_fields(node):
+            if isinstance(value, list) and value:
+                yield f"{name}: {len(value)}"
+                yield from (repr(one) for one in value if not isinstance(one, ast.AST))
+            elif isinstance(value, ast.AST):
+                yield name
+            elif value is not None and value != []:
+                yield f"{name}={value!r}"
 
 
 def version_change(was: Mapping[str, str], now: Mapping[str, str], then: str = "now it is") -> str:
