@@ -89,7 +89,7 @@ def gaps(scenario, craft, others, radii, axes):
             else:
                 size = axes[j - scenario.n]
                 near = apart[np.linalg.norm(apart / size, axis=1).argsort()[:50]]
-                least[i, j] = min(outside(point, size) for point in near) - radii[i]
+                least[i, j] = outside(near, size).min() - radii[i]
     least[np.tril_indices(len(craft))] = np.inf
     return least
 
@@ -243,7 +243,7 @@ def test_craft_adrift_come_as_close_to_obstacles_as_when_integrated(obstacle):
             apart[i] = np.inf
             gap = (adrift[i, node, part] - beside[n, part]).reshape(-1, 3)
             near = gap[np.linalg.norm(gap / axes[0], axis=1).argsort()[:20]]
-            met = min(outside(point, axes[0]) for point in near) - radii[i]
+            met = outside(near, axes[0]).min() - radii[i]
             least[i, node] = min(float(apart.min()), met)
     report = flight_report(plan, conditions, effects(asked, plan.controls, conditions), orbits)
     found, truth = report["passive_safety"]["clearance"], min(least.values())

@@ -7,11 +7,11 @@ variable, from the definition; no scaled axes and no enclosing ellipsoid.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from judge.adrift import place
 from judge.motion import Case, after
@@ -37,39 +37,47 @@ def least_clearance(
     document: Mapping[str, Any], problem: Case, states: np.ndarray, controls: np.ndarray
 ) -> Closest:
     """Over all pairs of craft, and craft and obstacles, of the fields of scenario.json."""
-    times = np.linspace(0, problem.duration, PARTS * (problem.nodes - 1) + 1)
+    times = (*np.linspace(0, problem.duration, PARTS * (problem.nodes - 1) + 1).tolist(),)
     arcs = []
     for craft, other, apart in pairs(document, problem, states, controls):
-        grid = np.array([apart(t) for t in times])
+        grid = apart(times)
         at = int(grid.argmin())
         around = times[max(at - 1, 0)], times[min(at + 1, len(times) - 1)]
-        arcs.append((float(grid[at]), craft, other, float(times[at]), apart, around))
+        arcs.append((float(grid[at]), craft, other, times[at], apart, around))
     least, found = min(arc[0] for arc in arcs), []
     for near, craft, other, time, apart, around in arcs:
         found.append(Closest(near, craft, other, time))
         if near < least + NEAR:
-            best = minimize_scalar(apart, bounds=around, method="bounded", options={"xatol": 1e-6})
+            best = minimize_scalar(
+                lambda t, apart=apart: apart((t,))[0],
+                bounds=around,
+                method="bounded",
+                options={"xatol": 1e-6},
+            )
             found.append(Closest(float(best.fun), craft, other, float(best.x)))
     return min(found, key=lambda one: one.clearance)
 
 
-Apart = Callable[[float], float]
+Apart = Callable[[tuple[float, ...]], np.ndarray]
 
 
 def pairs(
     document: Mapping[str, Any], problem: Case, states: np.ndarray, controls: np.ndarray
 ) -> Iterator[tuple[int, int | str, Apart]]:
-    """Each pair, and how far apart their surfaces are at a time."""
+    """Each pair, and how far apart their surfaces are at some times."""
     n, radii = len(states), radii_of(document, problem, len(states))
 
-    def flown(t: float, k: int) -> np.ndarray:
-        return place(problem, states[[k]], controls[[k]], t)[0]
+    @cache
+    def flown(k: int, times: tuple[float, ...]) -> np.ndarray:
+        return np.stack([place(problem, states[[k]], controls[[k]], t)[0] for t in times])
 
-    def craft(i: int, j: int, t: float) -> float:
-        return float(np.linalg.norm(flown(t, i) - flown(t, j))) - radii[i] - radii[j]
+    def craft(i: int, j: int, times: tuple[float, ...]) -> np.ndarray:
+        gap = np.linalg.norm(flown(i, times) - flown(j, times), axis=1)
+        return np.asarray(gap - radii[i] - radii[j])
 
-    def obstacle(i: int, one: Mapping[str, Any], t: float) -> float:
-        return outside(flown(t, i) - obstacle_at(one, problem, t), axes_of(one)) - radii[i]
+    def obstacle(i: int, one: Mapping[str, Any], times: tuple[float, ...]) -> np.ndarray:
+        there = np.stack([obstacle_at(one, problem, t) for t in times])
+        return outside(flown(i, times) - there, axes_of(one)) - radii[i]
 
     for i in range(n):
         for j in range(i + 1, n):
@@ -97,7 +105,7 @@ def least_adrift(
             each = [apart[~np.eye(n, dtype=bool)]]
             for one in document.get("obstacles", []):
                 gaps = lost - obstacle_at(one, problem, time)
-                each.append(np.array([outside(gap, axes_of(one)) for gap in gaps]) - radii)
+                each.append(outside(gaps, axes_of(one)) - radii)
             least = min(least, float(np.concatenate(each).min()))
     return least
 
@@ -121,12 +129,25 @@ def obstacle_at(one: Mapping[str, Any], problem: Case, time: float) -> np.ndarra
     return after(problem.rate, round(time, 9), state, np.zeros(3))[:3]
 
 
-def outside(point: np.ndarray, axes: np.ndarray) -> float:
-    """Distance of a point from an ellipsoid about the origin; below 0 inside it."""
-    inside = float(np.square(point / axes).sum())
-    if inside < 1:  # how deep does not matter: a share of the least semi-axis
-        return -float(axes.min()) * (1 - inside**0.5)
-    # The nearest point is a²p/(a² + t) with t ≥ 0, on the surface.
-    most = float(np.linalg.norm(axes * point)) + 1.0
-    t = brentq(lambda t: np.square(axes * point / (axes**2 + t)).sum() - 1, 0, most**2, xtol=1e-9)
-    return float(np.linalg.norm(point - axes**2 * point / (axes**2 + t)))
+def outside(points: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Distance of points (..., 3) from an ellipsoid about the origin; below 0 inside it.
+
+    The nearest point is a²p/(a² + t), on the surface: t ≥ 0 is where Σ(a p/(a² + t))² falls to 1.
+    That sum is convex and falls, so Newton's steps from 0 never go beyond the root.
+    """
+    squares = axes**2
+    scaled, t = axes * points, np.zeros(points.shape[:-1])
+    for _ in range(200):
+        share = np.square(scaled / (squares + t[..., None]))
+        slope = 2 * (share / (squares + t[..., None])).sum(axis=-1)
+        further = np.maximum(share.sum(axis=-1) - 1, 0.0) / slope.clip(min=1e-300)
+        t = t + further
+        if (further <= 1e-13 * t).all():
+            break
+    else:
+        raise ArithmeticError("no root is found")
+    apart = np.linalg.norm(points - squares * points / (squares + t[..., None]), axis=-1)
+    # How deep inside does not matter: a share of the least semi-axis.
+    inside = np.square(points / axes).sum(axis=-1)
+    deep = float(axes.min()) * (1 - np.sqrt(inside.clip(max=1.0)))
+    return np.asarray(np.where(inside < 1, -deep, apart))

@@ -112,9 +112,9 @@ def judge_plan(
     clear, close = None, int(np.sum(np.array(at) <= problem.radius))
     if said.get("clearance") or document_has_sizes(scenario):
         clear = least_clearance(scenario, problem, flown, controls)
-        nodes = problem.step * np.arange(problem.nodes)
+        nodes = (*(problem.step * np.arange(problem.nodes)).tolist(),)
         each = [apart for *_, apart in pairs(scenario, problem, flown, controls)]
-        close = sum(apart(t) <= 0 for apart in each for t in nodes)
+        close = sum(int((apart(nodes) <= 0).sum()) for apart in each)
     flight = _Flight(
         problem,
         goal,
