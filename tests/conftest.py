@@ -80,9 +80,9 @@ def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
+def cluster(forked: Forked, tmp_path: Path) -> Iterator[Cluster]:
     """A Dask scheduler without workers yet."""
-    found = Cluster(tmp_path / "cluster")
+    found = Cluster(forked, tmp_path / "cluster")
     try:
         yield found
     finally:

@@ -13,7 +13,7 @@ from registry.models import ModelVersion, load
 
 pytestmark = pytest.mark.system
 
-ASKED = (("ff1", 0), ("ff1", 1), ("lstm1", 0))
+ASKED = (("ff1", 0), ("ff1", 1))
 
 
 def weights(version: ModelVersion) -> tuple[str, int, str, dict[str, float]]:

@@ -1,13 +1,18 @@
 """Real Dask schedulers and worker processes on loopback, which tests start and kill."""
 
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-Process = subprocess.Popen[bytes]
+from forked import Forked, Started
+
+RUN = """
+import runpy, sys
+sys.argv = {argv}
+runpy.run_module({argv}[0], run_name="__main__")
+"""
+"""A module as a program. Nothing of Dask is loaded before, so it reads its configuration."""
 
 
 def until(holds: Callable[[], object], seconds: float = 60.0) -> None:
@@ -21,22 +26,21 @@ def until(holds: Callable[[], object], seconds: float = 60.0) -> None:
 class Cluster:
     """A scheduler, and workers of one thread each; the protocol is Dask's tcp or tls."""
 
-    def __init__(self, folder: Path, protocol: str = "tcp") -> None:
+    def __init__(self, forked: Forked, folder: Path, protocol: str = "tcp") -> None:
         folder.mkdir()
-        self.folder, self.started = folder, list[Process]()
+        self.forked, self.folder, self.started = forked, folder, list[Started]()
         self.where = ["--host", f"{protocol}://127.0.0.1"]
         self.scheduler = self.start("dask_scheduler", *self.where, "--port", "0")
-        self.log, self.workers = folder / "0.log", list[Process]()
+        self.log, self.workers = folder / "0.log", list[Started]()
         found = re.compile(rf"Scheduler at:\s+({protocol}://127\.0\.0\.1:\d+)")
         until(lambda: found.search(self.log.read_text()))
         self.address = found.findall(self.log.read_text())[0]
 
-    def start(self, module: str, *arguments: str) -> Process:
+    def start(self, module: str, *arguments: str) -> Started:
         """A process of one of Dask's modules, and its log."""
-        k = len(self.started)
-        command = [sys.executable, "-m", f"distributed.cli.{module}", *arguments, "--no-dashboard"]
-        with (self.folder / f"{k}.log").open("w") as log:
-            self.started.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT))
+        argv = [f"distributed.cli.{module}", *arguments, "--no-dashboard"]
+        with (self.folder / f"{len(self.started)}.log").open("w") as log:
+            self.started.append(self.forked.start(RUN.format(argv=argv), Path.cwd(), log))
         return self.started[-1]
 
     def start_workers(self, count: int = 2) -> None:
@@ -79,7 +83,7 @@ class Cluster:
             kill(process)
 
 
-def kill(process: Process) -> None:
+def kill(process: Started) -> None:
     """Kill a process (-9) and wait for its end."""
     process.kill()
     process.wait()

@@ -7,18 +7,44 @@ swarm; so they are made once. What a command does from its first line on is the 
 import fcntl
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import fork_client
 import fork_server
 
 PATIENCE = 120.0
 """Seconds after which a process is given up."""
+
+
+@dataclass(frozen=True)
+class Started:
+    """A process that goes on, as ``subprocess.Popen`` has it."""
+
+    pid: int
+    answers: socket.socket  # on which its exit status comes
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, where it has not ended."""
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
+    def wait(self) -> None:
+        """Wait until it has ended."""
+        with self.answers:
+            if self.answers.fileno() >= 0:
+                self.answers.recv(64)
 
 
 class Forked:
@@ -94,3 +120,11 @@ class Forked:
                 file.seek(0)
                 said.append(file.read())
             return subprocess.CompletedProcess(arguments, status, *said)
+
+    def start(self, code: str, folder: Path, log: TextIO) -> Started:
+        """Run code in a folder until it ends or is killed; what it says goes into a file."""
+        with Path(os.devnull).open() as nothing:
+            streams = [nothing.fileno(), log.fileno(), log.fileno()]
+            answers = fork_client.ask(self._socket, streams, code=code, folder=folder)
+        answers.settimeout(PATIENCE)
+        return Started(int(answers.recv(64)), answers)

@@ -4,7 +4,6 @@ import os
 import shlex
 import signal
 import subprocess
-import sys
 import threading
 import time
 from datetime import UTC, datetime, timedelta
@@ -44,7 +43,6 @@ from pipeline.storage.folder import open_folder
 pytestmark = pytest.mark.system
 
 SHARDS = 12
-PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
 
 class After(Progress):
@@ -106,14 +104,14 @@ def test_a_scheduler_that_is_killed_and_comes_back_costs_a_sentence_and_no_byte(
 
 
 def test_a_scheduler_that_does_not_come_back_ends_the_run_with_a_sentence_and_status_1(
-    cluster, here_and_there
+    cluster, here_and_there, forked
 ):
     _, there = here_and_there
     cluster.start_workers(1)
     cluster.await_workers(1)
     cluster.workers[0].send_signal(signal.SIGSTOP)  # so that the run is not done too early
     options = ["--backend", "dask", "--scheduler", cluster.address, "--scheduler-wait", "0.5"]
-    command = [*PROGRAM, "solve", str(there), *options]
+    command = [*forked.command, "solve", str(there), *options]
     clients = cluster.clients()
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until(lambda: cluster.clients() > clients)
@@ -218,17 +216,17 @@ def certificates(folder):
 
 
 def test_a_cluster_with_certificates_works_and_refuses_who_has_none(
-    here_and_there, tmp_path, monkeypatch
+    here_and_there, forked, tmp_path, monkeypatch
 ):
     here, there = here_and_there
     without = dict(os.environ)
     for name, value in certificates(tmp_path).items():
         monkeypatch.setenv(name, value)
-    cluster = Cluster(tmp_path / "secure", "tls")
+    cluster = Cluster(forked, tmp_path / "secure", "tls")
     try:
         cluster.start_workers()
         until(cluster.connected)
-        asked = [*PROGRAM, "solve", str(there), "--backend", "dask", "--scheduler"]
+        asked = [*forked.command, "solve", str(there), "--backend", "dask", "--scheduler"]
         plain = cluster.address.replace("tls", "tcp")
         for address, status, told in (
             (cluster.address, 2, "Dask has no certificates for it; expected"),
