@@ -221,7 +221,7 @@ def clearance(scenario: Scenario, states: np.ndarray) -> float:
     """Least distance of states from an ellipsoid about the origin and to a corridor's edge, m."""
     asked, places = document_of(scenario), states[..., :3].reshape(-1, 3)
     ellipsoids = [np.array(one["semi_axes"]) for one in asked.get("obstacles", [])]
-    apart = [outside(at, axes) for axes in ellipsoids for at in places]
+    apart = [float(outside(places, axes).min()) for axes in ellipsoids]
     within = [inside(at, one) for one in asked.get("corridors", []) for at in places]
     return min([np.inf, *apart, *within])
 
