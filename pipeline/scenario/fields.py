@@ -1,9 +1,11 @@
 """Types of fields in scenario files, refused in a sentence where they are not what they must be."""
 
+from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic_core import to_jsonable_python
 
 YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
 
@@ -26,6 +28,12 @@ def number(given: Any) -> Any:
     if isinstance(given, str | bool):
         raise ValueError("expected a number, without quotes")
     return given
+
+
+def given_fields(value: Any) -> dict[str, Any]:
+    """The fields of a dataclass that are not at their defaults, as JSON values."""
+    every = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
+    return {name: to_jsonable_python(one) for name, (one, usual) in every.items() if one != usual}
 
 
 def utc(given: Any) -> datetime:
