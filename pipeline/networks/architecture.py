@@ -12,10 +12,9 @@ from torch import Tensor, nn
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError, check_choice
-from pipeline.networks.catalogue import entry_point
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.recipes import RECIPES, Recipe
+from pipeline.networks.recipes import RECIPES, Recipe, entry_point
 from pipeline.orbit.problem import Problem
 
 TensorBatch = Mapping[str, Tensor]

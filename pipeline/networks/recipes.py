@@ -1,7 +1,8 @@
-"""Recipes for training: the paper's, one tuned on validation, and those of an architecture."""
+"""Names of architectures and recipes for training, without torch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from typing import Any
 
 from pipeline.errors import InputError, check_choice, check_range
@@ -72,5 +73,25 @@ RECIPES: Mapping[str, Recipe] = {
 }
 """By name; an architecture may depart from them, or add its own (``Architecture.recipes``)."""
 
-REFINER = "refiner"
-"""Name of the architecture of prolearn's own; it stands here so that torch need not be loaded."""
+REFINER = "refiner"  # name of the architecture of prolearn's own
+ARCHITECTURES = "prolearn.architectures"  # group of the entry points that declare them
+
+
+def architecture_names() -> tuple[str, ...]:
+    """Names of all installed architectures, in alphabetical order."""
+    return tuple(sorted(entry_points(group=ARCHITECTURES).names))
+
+
+def distribution_of(name: str) -> str | None:
+    """The distribution that brings an architecture, where known; InputError for an unknown name."""
+    found = getattr(entry_point(name), "dist", None)
+    return None if found is None else str(found.name)
+
+
+def entry_point(name: str) -> Any:
+    """The entry point of an architecture; InputError, with the known names, for an unknown one."""
+    for found in entry_points(group=ARCHITECTURES):
+        if found.name == name:
+            return found
+    known = ", ".join(architecture_names()) or "none: install prolearn again"
+    raise InputError(f"architecture is {name!r}; expected one of those installed ({known}).")

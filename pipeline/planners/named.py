@@ -37,7 +37,7 @@ def named_planner(
     if name not in NAMES:
         return None
     if name == REFINER:
-        from pipeline.networks.refiner.packaged import packaged
+        from pipeline.networks.refiner.model import packaged
         from pipeline.planners.network import NetworkPlanner
 
         if raw:

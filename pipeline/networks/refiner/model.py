@@ -17,14 +17,19 @@ F features, H numbers of a message. Units are r_col and Δt.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, no_type_check
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
+from safetensors.numpy import load as arrays_from
 
 from pipeline.arrays import Array
+from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
+from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.arrays import (
     cast,
     constant,
@@ -74,6 +79,7 @@ MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 STEADY = 1e-4  # share by which fuel must change in a round that leaves a swarm safe to go on
 FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
 FEATURES = 18  # F: edge features, as one of the two craft sees them
+FOLDER = Path(__file__).parent / "default"  # the packaged model: weights, description and card
 
 Weights = Mapping[str, Any]
 """Weights of the network by name: ``read``, ``tell``, ``weigh`` and ``offer``, and ``hears``, 1 but
@@ -439,3 +445,42 @@ def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
     distances, _ = normals(data.met.of(which).relative(now.states), now.near.share[which])
     of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)
+
+
+# Trained models without torch, and the one that comes with the package.
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedRefiner:
+    """A trained refiner as arrays: a ``TrainedNetwork`` for any n, on any orbit and time grid."""
+
+    weights: Weights | None  # by name; None for rounds without trades
+    rounds: int  # that an answer takes
+    problem: Problem  # of its training data, or that it is asked about
+    digest: str  # SHA-256 of all that decides its answers
+
+    architecture: ClassVar[str] = REFINER
+    answers: ClassVar[Answer] = "controls"
+
+    def on(self, problem: Problem) -> "TrainedRefiner":
+        """The same weights for another problem."""
+        return replace(self, problem=problem)
+
+    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ 3"]:
+        """Controls of each swarm, m/s²."""
+        radius = np.full(len(initial), collision_radius)
+        how = self.weights, self.rounds, self.problem
+        found = [
+            answer(*how, initial[k], goal[k], radius[k])
+            for k in portions(initial, goal, self.problem.nodes)
+        ]
+        return np.concatenate(found)
+
+
+@lru_cache(maxsize=1)
+def packaged() -> TrainedRefiner:
+    """The packaged model."""
+    document = read_model(FOLDER)
+    weights = read_weights(FOLDER, document.weights_sha256, arrays_from)
+    problem = Problem(**document.problem.model_dump())
+    return TrainedRefiner(weights, document.config["rounds"], problem, document.digest)

@@ -13,8 +13,15 @@ from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
 from pipeline.networks.refiner import model as refiner_model
-from pipeline.networks.refiner.model import cheapest_safe, lack, play, problem_data, start
-from pipeline.networks.refiner.packaged import FOLDER, packaged
+from pipeline.networks.refiner.model import (
+    FOLDER,
+    cheapest_safe,
+    lack,
+    packaged,
+    play,
+    problem_data,
+    start,
+)
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, pair_conflicts
 from pipeline.orbit.transfer import fly, minimum_energy, track

@@ -16,10 +16,10 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_files import open_session, traced, write
+from pipeline.networks.onnx_export import open_session, traced, write
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.model import play, problem_data, start
-from pipeline.networks.refiner.on_board.steps import (
+from pipeline.networks.refiner.on_board import (
     ROUND,
     STEPS,
     TOLD,
