@@ -31,7 +31,7 @@ from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
@@ -51,21 +51,10 @@ Waypoints = tuple[Waypoint, ...]
 
 
 @dataclass(frozen=True)
-class AsFlown:
+class AsFlown(PlannerWrapper):
     """A planner whose plans satisfy what is required in the nonlinear flight."""
 
-    planner: Planner
     orbit: ReferenceOrbit | None = None  # or that of each scenario
-
-    @property
-    def name(self) -> str:
-        """The planner's."""
-        return self.planner.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """The planner's."""
-        return self.planner.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, about the reference orbit."""

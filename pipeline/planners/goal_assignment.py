@@ -10,9 +10,9 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.infeasibility import forced_goals
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, Requirements, gap_of
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, gap_of
 from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs, ranked
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 
 MOST = 16
@@ -39,7 +39,7 @@ TIMES = ("plan", "certificate")  # stages whose seconds are summed over all that
 
 
 @dataclass(frozen=True, eq=False)
-class GoalAssignment:
+class GoalAssignment(PlannerWrapper):
     """A planner whose craft may take each other's goals.
 
     It plans the assignment of least decoupled cost. Where that plan is not safe, or dear because
@@ -47,18 +47,7 @@ class GoalAssignment:
     their decoupled costs are less than that plan's, and keeps the cheapest safe one.
     """
 
-    planner: Planner
     most: int = MOST  # assignments that are planned at most, besides the given order
-
-    @property
-    def name(self) -> str:
-        """The planner's; its plans hold the assignment."""
-        return self.planner.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """The planner's."""
-        return self.planner.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.

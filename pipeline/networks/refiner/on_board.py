@@ -23,40 +23,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from pipeline.errors import InputError
-from pipeline.networks.refiner.geometry import (
-    LEVEL,
-    NEAR,
-    NEAR_OF_EXTENT,
-    NEWTON_STEPS,
-    STRETCHES,
-    Grid,
-    Scene,
-    accelerations,
-    extents,
-    grid_of,
-    positions,
-    scene_of,
-    velocities,
-)
-from pipeline.networks.refiner.model import (
-    LEAST_DUAL,
-    edge_features,
-    free_directions,
-    gets_plane,
-    linear,
-    offers,
-    to_give,
-    trade_of,
-    two_layers,
-)
-from pipeline.networks.refiner.programs import (
-    LARGEST_DUAL,
-    MOST_PIVOTS,
-    NO_PIVOT,
-    SMALL,
-    STEEP,
-    TIE,
-)
+from pipeline.networks.refiner import geometry, model, programs
+from pipeline.networks.refiner.geometry import Grid, Scene, accelerations, positions, velocities
 from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
@@ -68,24 +36,25 @@ def turns(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tenso
     """Whether each pair comes closer before and parts after its closest approach."""
     gap, speed = positions(ends, share), velocities(ends, share)
     along = (gap * speed).sum(dim=1) ** 2
-    level = along <= LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
+    level = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
     return ((share > 0) & (share < 1)) | level
 
 
 def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
     """When each relative position is closest to 0, as a share of the interval."""
-    knots = torch.arange(STRETCHES + 1, dtype=ends.dtype)[:, None] / STRETCHES
+    stretches = geometry.STRETCHES
+    knots = torch.arange(stretches + 1, dtype=ends.dtype)[:, None] / stretches
     knots = knots.expand(-1, ends.shape[0])
     here = positions(ends, knots)
     way = here[1:] - here[:-1]
     length = way.square().sum(dim=2).clamp(min=torch.finfo(ends.dtype).tiny)
     share = (-(here[:-1] * way).sum(dim=2) / length).clamp(0.0, 1.0)
-    times = torch.cat([knots, knots[:-1] + share / STRETCHES])
+    times = torch.cat([knots, knots[:-1] + share / stretches])
     squares = positions(ends, times).square().sum(dim=2)
     least = squares.amin(dim=0)
     s = when = times.gather(0, squares.argmin(dim=0, keepdim=True))[0]
-    low, high = (when - 1 / STRETCHES).clamp(min=0.0), (when + 1 / STRETCHES).clamp(max=1.0)
-    for _ in range(NEWTON_STEPS):
+    low, high = (when - 1 / stretches).clamp(min=0.0), (when + 1 / stretches).clamp(max=1.0)
+    for _ in range(geometry.NEWTON_STEPS):
         gap, speed = positions(ends, s), velocities(ends, s)
         slope = (gap * speed).sum(dim=1)
         curvature = (speed.square() + gap * accelerations(ends, s)).sum(dim=1)
@@ -159,8 +128,8 @@ def first_duals(own: Tableau, gain: Float[Tensor, "P m"]) -> Float[Tensor, "P"]:
     """What the first unit along each row costs the craft: the dual simplex ratio."""
     moved = gain[:, own.other] - gain[:, own.basic] @ own.body
     rise = torch.where(moved > 0, 1 - own.cost, 1 + own.cost)
-    rise = torch.where(moved.abs() < SMALL, 1.0, rise)  # the sign of rounding says nothing
-    return (rise / moved.abs().clamp(min=SMALL)).amin(dim=1)
+    rise = torch.where(moved.abs() < programs.SMALL, 1.0, rise)  # the sign of rounding says nothing
+    return (rise / moved.abs().clamp(min=programs.SMALL)).amin(dim=1)
 
 
 def solve_one(
@@ -179,13 +148,13 @@ def solve_one(
         own.cost.clone(),
         own.pivots.clone(),
     )
-    low = torch.cat([row.new_full((m,), -1.0), row.new_full((p,), -LARGEST_DUAL)])
+    low = torch.cat([row.new_full((m,), -1.0), row.new_full((p,), -programs.LARGEST_DUAL)])
     high = torch.cat([row.new_ones(m), row.new_zeros(p)])
     found = _repeat(_goes_on, lambda *parts: _pivot(Tableau(*parts), low, high), now)
     slope = torch.where(found.side > 0, high[found.basic], low[found.basic])
     every = torch.zeros_like(low).scatter(0, found.basic, slope)
     dual = -every.scatter(0, found.other, found.cost)[m:]
-    return found.controls(m), dual.clamp(0.0, LARGEST_DUAL)  # ties may take it beyond
+    return found.controls(m), dual.clamp(0.0, programs.LARGEST_DUAL)  # ties may take it beyond
 
 
 def _repeat(goes_on: Callable[..., Tensor], pivot: Callable[..., Tableau], now: Tableau) -> Tableau:
@@ -201,7 +170,7 @@ def _repeat(goes_on: Callable[..., Tensor], pivot: Callable[..., Tableau], now: 
 def _goes_on(*parts: Tensor) -> Tensor:
     """Whether a basic variable is on the wrong side of its kink."""
     now = Tableau(*parts)
-    return ((-now.value * now.side).max() > SMALL) & (now.pivots[0] < MOST_PIVOTS)
+    return ((-now.value * now.side).max() > programs.SMALL) & (now.pivots[0] < programs.MOST_PIVOTS)
 
 
 def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
@@ -212,9 +181,9 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
     slope = its_side * row
     bound = torch.where(slope > 0, low[other], high[other])
     ratio = ((cost - bound) / slope).clamp(min=0)
-    ratio = torch.where(slope.abs() < NO_PIVOT, torch.inf, ratio)
-    tied = ratio <= ratio.amin(dim=0) + TIE
-    tied = tied & (slope.abs() >= STEEP * torch.where(tied, slope.abs(), 0.0).amax(dim=0))
+    ratio = torch.where(slope.abs() < programs.NO_PIVOT, torch.inf, ratio)
+    tied = ratio <= ratio.amin(dim=0) + programs.TIE
+    tied = tied & (slope.abs() >= programs.STEEP * torch.where(tied, slope.abs(), 0.0).amax(dim=0))
     entering = torch.where(tied, other, len(low)).argmin(dim=0, keepdim=True)
     here, span = ratio[entering], high[gone] - low[gone]
     over, step = span <= here, torch.minimum(span, here)
@@ -323,7 +292,7 @@ class Step(nn.Module):
 
     def __init__(self, network: MessagePassing, problem: Problem) -> None:
         super().__init__()
-        self.problem, self.grid = problem, grid_of(problem, torch.device("cpu"))
+        self.problem, self.grid = problem, geometry.grid_of(problem, torch.device("cpu"))
         self.weights = {name: weight.detach() for name, weight in network.weights.items()}
         of_time = torch.tensor([1.0, 1 / problem.time_step], dtype=torch.float64)
         self.units = {
@@ -355,7 +324,7 @@ class Step(nn.Module):
     def scene(self, craft: SimpleNamespace) -> Scene:
         """The P encounters, at their closest approaches."""
         ends = craft.nodes - craft.told_nodes
-        return scene_of(craft.interval, nearest(ends), ends, self.grid)
+        return geometry.scene_of(craft.interval, nearest(ends), ends, self.grid)
 
 
 def _both(craft: SimpleNamespace, name: str) -> Float[Tensor, "P 2 *_"]:
@@ -389,7 +358,8 @@ class Meet(Step):
         each = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2)  # (Q, T-1, 2, 6)
         ends = each.reshape(-1, 2, 6)
         closest = torch.linalg.vector_norm(positions(ends, nearest(ends)), dim=1)
-        within = (NEAR_OF_EXTENT * extents(every, every.shape[0])).clamp(min=NEAR)  # (1,)
+        share = geometry.NEAR_OF_EXTENT * geometry.extents(every, every.shape[0])
+        within = share.clamp(min=geometry.NEAR)  # (1,)
         return (closest.reshape(each.shape[:2]) <= within,)
 
 
@@ -403,9 +373,9 @@ class Look(Step):
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
         own, scene = self.own(craft), self.scene(craft)
         first, price = craft.first_price, craft.price
-        live = gets_plane(scene.distance, turns(scene.ends, scene.share), craft.number)
+        live = model.gets_plane(scene.distance, turns(scene.ends, scene.share), craft.number)
         live = live | (first > 0)
-        asked = first_duals(own, scene.gain).clamp(min=LEAST_DUAL)
+        asked = first_duals(own, scene.gain).clamp(min=model.LEAST_DUAL)
         first = torch.where(live & (first == 0), asked, first)
         spent = craft.controls.abs().sum() - own.value.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])
@@ -421,10 +391,11 @@ class Speak(Step):
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
         scene, live = self.scene(craft), craft.live[:, None]
         price, first, load = (_both(craft, x) for x in ("price", "first_price", "standing"))
-        features = edge_features(scene, self.grid.nodes, price, first, load, craft.number).float()
-        said = two_layers(self.weights, "read", torch.where(live, features.flatten(1), 0.0))
-        told = torch.where(live, linear(self.weights, "tell", said), 0.0)
-        free = free_directions(scene.gain, self.grid).float()
+        at = self.grid.nodes, price, first, load, craft.number
+        features = model.edge_features(scene, *at).float()
+        said = model.two_layers(self.weights, "read", torch.where(live, features.flatten(1), 0.0))
+        told = torch.where(live, model.linear(self.weights, "tell", said), 0.0)
+        free = model.free_directions(scene.gain, self.grid).float()
         every = told.sum(dim=0).expand(told.shape)
         heard = torch.cat([free @ (free.T @ told), every], dim=1)
         return said, self.weights["hears"] * heard
@@ -436,7 +407,7 @@ class Listen(Step):
     takes, gives, tells = ("said", "heard", "told_heard"), ("offer",), ("offer",)
 
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
-        return (offers(self.weights, craft.said, craft.heard, craft.told_heard),)
+        return (model.offers(self.weights, craft.said, craft.heard, craft.told_heard),)
 
 
 class Settle(Step):
@@ -448,9 +419,9 @@ class Settle(Step):
 
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
         scene, now, t = self.scene(craft), craft.controls, craft.interval
-        trade = trade_of(craft.offer, craft.told_offer)
+        trade = model.trade_of(craft.offer, craft.told_offer)
         prices = _both(craft, "price"), _both(craft, "first_price")
-        give = to_give(scene.distance, *prices, trade)[:, 0]
+        give = model.to_give(scene.distance, *prices, trade)[:, 0]
         best, paid = solve_one(self.own(craft), scene.gain, scene.gain @ now + give, craft.live)
         best = torch.where(craft.live.any(), best, now)
         states = self.grid.fly(craft.initial[None], best[None])[0]
