@@ -1,4 +1,4 @@
-"""What planning as flown changes: plans for the linear model and as flown, without errors.
+"""Plans made for the linear model beside plans made as flown, both flown without errors.
 
     python -m benchmarks.as_flown --out reports/bench
 

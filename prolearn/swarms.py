@@ -1,4 +1,4 @@
-"""Scenarios of a person's own, from rings or from states."""
+"""Scenarios from rings, from states or from files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -183,7 +183,7 @@ def _end(given: Any) -> Any:
 
 
 def _plain(given: Any) -> Any:
-    """Numbers and lists in place of numpy's, wherever they are."""
+    """Numpy values as plain numbers and lists, at any depth."""
     if isinstance(given, np.generic | np.ndarray):
         return given.tolist()
     if isinstance(given, Mapping):

@@ -43,7 +43,7 @@ class Lstm(Layered):
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """Where LSTMs depart from the recipes."""
+        """Learning rate, batch size and epochs of LSTMs."""
         return {"paper": STEPS, "tuned": STEPS}
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:

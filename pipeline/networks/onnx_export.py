@@ -1,4 +1,4 @@
-"""A model as one ONNX file for use on board, compared with torch before it takes its name."""
+"""Export of a model as one ONNX file, compared with torch before it is written."""
 
 import json
 import logging
@@ -47,7 +47,7 @@ Axes = Mapping[str, Sequence[str | None]]
 
 @dataclass(frozen=True)
 class GraphCheck:
-    """What was measured."""
+    """Accuracy and speed of an exported file."""
 
     n: int | None  # the only number of craft that the file answers for, or None
     most: int | None  # the greatest number that it answers for, or None where there is no limit
@@ -64,7 +64,7 @@ class GraphCheck:
 
 
 def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck:
-    """Run a file on random swarms, and find out how large they may be.
+    """Compare a file with torch on random swarms, and find the largest swarm that it serves.
 
     InputError where onnxruntime is not installed. ProlearnError where its answer differs from
     torch's by more than TOLERANCE.
@@ -121,7 +121,7 @@ def _seconds(session: Any, model: Model, n: int) -> float:
     return float(np.median(timeit.repeat(call, number=1, repeat=WARM_UP + REPEATS)[WARM_UP:]))
 
 
-class OnBoard(nn.Module):
+class ExportedGraph(nn.Module):
     """The exported graph, float32: encoding, network, decoding, projection if ``flown``."""
 
     read: Tensor  # linear map from both end states of a craft to its input trajectory, (12, 6T)
@@ -153,7 +153,7 @@ class OnBoard(nn.Module):
 
 
 def input_map(encoding: Encoding) -> Float[Array, "12 _"]:
-    """What a craft's encoded input is of its initial and goal state: every interior is linear."""
+    """Linear map from both end states of a craft to its encoded input."""
     unit = np.eye(12)
     given = INTERIORS[encoding.interior](unit[:, :6], unit[:, 6:], encoding.problem)
     return (given / np.array(encoding.input_scale)).reshape(12, -1)
@@ -161,7 +161,7 @@ def input_map(encoding: Encoding) -> Float[Array, "12 _"]:
 
 @lru_cache(maxsize=8)
 def flyable_map(problem: Problem) -> Float[Array, "_ _"]:
-    """Flown states and controls of a craft from its predicted states and both ends: linear too."""
+    """Linear map from predicted states and both ends of a craft to flown states and controls."""
     T = problem.nodes
     unit = np.eye(6 * T + 12)
     states, initial, goal = np.split(unit, [6 * T, 6 * T + 6], axis=1)
@@ -209,7 +209,7 @@ def export(
             "these alone are exported."
         )
     outputs = ("states", "controls") if flown else ("states",)
-    module = OnBoard(architecture, model, flown=flown)
+    module = ExportedGraph(architecture, model, flown=flown)
     craft = n or max(2, min(TRACED, model.n_train - 1))
     free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
     ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
@@ -232,7 +232,7 @@ def traced(
     dynamic: Sequence[Any],
     name: str,
 ) -> torch.onnx.ONNXProgram:
-    """The graph of a module, traced with example inputs by name.
+    """The graph of a module by torch.export, traced with example inputs by name.
 
     ``dynamic`` has the axes of each input that may have any length, and ``name`` is that of the
     architecture, for messages. InputError where onnxscript is not installed. ProlearnError where
@@ -262,7 +262,7 @@ def traced(
 
 
 def write(made: torch.onnx.ONNXProgram, path: Path, axes: Axes, about: Mapping[str, Any]) -> None:
-    """The file, with its axes named and a description in its metadata."""
+    """Write the file, with named axes and a description in its metadata."""
     import onnx
 
     for node in made.model.graph.all_nodes():
@@ -278,7 +278,7 @@ def write(made: torch.onnx.ONNXProgram, path: Path, axes: Axes, about: Mapping[s
 
 
 def open_session(path: Path) -> Any:
-    """A file in onnxruntime, on one core; InputError where it is not installed."""
+    """An onnxruntime session on one core; InputError where that is not installed."""
     with told_which_extra():
         import onnxruntime
     options = onnxruntime.SessionOptions()

@@ -119,7 +119,7 @@ class AsFlown(PlannerWrapper):
 
 
 def _passed(linear: Plan) -> Waypoints:
-    """The waypoints of a linear plan, with the times at which it passes them; none if it does not.
+    """The waypoints of a linear plan, at the times when it passes them; none if it does not.
 
     As the plan of a baseline may not.
     """
@@ -132,7 +132,7 @@ def _passed(linear: Plan) -> Waypoints:
 
 
 def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenario:
-    """The scenario with goals and waypoints to which linear motion leads as a flight to these.
+    """The scenario with goals and waypoints shifted by what the linear model leaves out.
 
     As far as it leaves out of other flights what it leaves out of that one.
     """
@@ -161,7 +161,7 @@ Limited = TypeVar("Limited", Thrust, Spacecraft)
 
 
 def _less(given: Limited) -> Limited:
-    """The same with a little less of every limit, and larger burns where there is a least."""
+    """The same with slightly lower limits, and a slightly larger least burn."""
     share = {
         "max_acceleration": LIMIT_SHARE,
         "max_acceleration_norm": LIMIT_SHARE,
@@ -204,7 +204,7 @@ def _outside(plan: Plan) -> float:
 def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The plan of a linear plan's controls, corrected until they lead where they must in flight."""
+    """The plan of a linear plan's controls, corrected until the flight meets its goals."""
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     problem, initial, controls = scenario.problem, scenario.initial, linear.controls
     timed = replace(scenario, waypoints=passed)
@@ -237,7 +237,7 @@ def _arrivals(scenario: Scenario) -> Arrivals:
 
 
 def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
-    """Controls with the bound of the linear programs about the flight, with such node states.
+    """Controls and node states of a flight, with the bound of linear programs about it.
 
     Where goals or times were chosen, the bound of all choices changes as this one's does.
     """
@@ -269,7 +269,7 @@ def _changed(
     problem: Problem,
     limits: Limits | None,
 ) -> Controls:
-    """Controls that bring about a small change of where craft arrive, m and m/s, to first order.
+    """Controls corrected, to first order, for a small miss of where craft arrive, m and m/s.
 
     By least squares in the burns that are there and not at the limit; where those cannot, by least
     fuel, or, with limits of each craft, in all burns that may be.
@@ -289,7 +289,7 @@ def _changed(
 
 
 def _below(controls: Controls, limits: Limits) -> Bool[Array, "n intervals 3"]:
-    """Components of controls that are at no limit, so that they may grow a little."""
+    """Mask of control components below their limits."""
     most = LIMIT_SHARE**2 * np.stack([limits.component, limits.norm])[..., None, None]
     return (np.abs(controls) < most[0]) & (norm(controls)[..., None] < most[1])
 

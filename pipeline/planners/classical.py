@@ -66,7 +66,7 @@ def certified(
     answer: Callable[[Batch], Controls],
     requirements: Requirements,
 ) -> list[Plan]:
-    """Plans from an answer to scenarios of one problem, INFEASIBLE where that is proven.
+    """Plans and certificates from a planner's controls, INFEASIBLE where that is proven.
 
     The answer is the controls of all their craft, one after the other, m/s², which meet the goals;
     it is asked for once, and timed.

@@ -87,7 +87,7 @@ class GoalAssignment(PlannerWrapper):
 
 
 class _Candidates:
-    """The assignments of a scenario that are looked at, and the plans of those that were tried."""
+    """Candidate assignments of a scenario, and the plans of those that were tried."""
 
     def __init__(self, scenario: Scenario, costs: DecoupledCosts, most: int) -> None:
         self.scenario, self.costs, self.most = scenario, costs, most

@@ -1,4 +1,4 @@
-"""Planners that a person names and that need no store: expert, baselines, the packaged refiner."""
+"""Planners by name that need no registry: expert, baselines, the packaged refiner."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING

@@ -26,7 +26,7 @@ ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 
 @dataclass(frozen=True, eq=False)
 class NetworkPlanner:
-    """A model's plans, flyable whatever it answers: states are projected, controls corrected."""
+    """Plans by a network, made flyable: states are projected, controls corrected."""
 
     model: TrainedNetwork
     name: str  # what tables and plans call it
@@ -85,7 +85,7 @@ class Seeded(PlannerWrapper):
 
 @dataclass(frozen=True, eq=False)
 class FallbackPlanner:
-    """A network, a convex solve from it, the expert: each where no plan was proven safe before."""
+    """A network, then one convex solve from it, then the expert, until a plan is proven safe."""
 
     network: NetworkPlanner
     settings: Settings = FIRST_SAFE  # of the expert where it comes to that

@@ -1,4 +1,4 @@
-"""scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
+"""scenario.json (schema prolearn.scenario/1): reading, validation of fields, and writing."""
 
 from collections.abc import Mapping
 from pathlib import Path

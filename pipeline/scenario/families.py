@@ -98,7 +98,7 @@ def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
 
 
 def _stream(seed: int, n: int, index: int, split: str) -> np.random.Generator:
-    """The random numbers of a scenario."""
+    """The random generator of a scenario."""
     return np.random.default_rng([seed, n, index, SPLITS.index(split)])
 
 
@@ -111,7 +111,7 @@ class _Draw:
 
     @property
     def growth(self) -> float:
-        """Factor of ring sizes."""
+        """Factor of ring sizes in swarms of more than DENSITY_N craft."""
         return max(1.0, self.n / DENSITY_N)
 
     def angle(self) -> float:
@@ -123,7 +123,7 @@ class _Draw:
         return self.rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / max(count, 1)
 
     def sizes(self, rings: int) -> list[int]:
-        """Numbers of craft of rings as equal as can be."""
+        """Craft of each of some rings, as equal as possible."""
         return [self.n // rings + (k < self.n % rings) for k in range(rings)]
 
     def ring_shape(self) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Scenarios from inertial states: their reference orbit, and where craft are relative to it."""
+"""Scenarios from inertial states: the reference orbit, and states relative to it."""
 
 from dataclasses import replace
 from datetime import datetime
@@ -69,7 +69,7 @@ def scenario_from_inertial(
 
 
 def _only(states: Formation, name: str) -> Float[Array, "6"]:
-    """The state of the one craft there is."""
+    """The state of the chief, the only craft of its file."""
     if len(states) != 1:
         raise InputError(f"{name} has {len(states)} craft; expected one, the chief.")
     return np.asarray(states[0])

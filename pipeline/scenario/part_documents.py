@@ -104,7 +104,7 @@ class RingsDocument(BaseModel):
 
 
 def _form(given: Any) -> str | None:
-    """Which of its forms an end has; parentheses keep it out of the paths in messages."""
+    """The form of an end; parentheses keep it out of the paths in messages."""
     if isinstance(given, list):
         return "(states)"
     return "(rings)" if isinstance(given, dict | RingsDocument) else None

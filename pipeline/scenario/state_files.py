@@ -99,7 +99,7 @@ def _of(found: Sequence[Ephemeris], path: Path) -> Inertial:
 
 
 def check_frames(given: Sequence[Inertial | Ephemeris]) -> None:
-    """Refuse states in several frames, between which there is most of a metre."""
+    """Refuse states in several frames, which differ by up to a metre."""
     frames = {one.frame: one.name for one in given}
     if len(frames) > 1:
         several = " and ".join(f"{name} in {frame}" for frame, name in frames.items())
@@ -134,7 +134,7 @@ def _table(text: str, name: str) -> Formation:
 
 
 def _csv_rows(text: str, name: str) -> list[dict[str, Any]]:
-    """Rows by column, numbers where they are some; lines that begin with # are comments."""
+    """Rows by column, with numbers parsed; lines that begin with # are comments."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     header = next(csv.reader(lines[:1]), [])
     names = [column.strip() for column in header]

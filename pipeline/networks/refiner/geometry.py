@@ -1,4 +1,4 @@
-"""Where craft meet and the planes that keep them apart, in the units that make swarms alike.
+"""Closest approaches of craft and the planes that keep them apart, in units of r_col and Δt.
 
 Relative motion is linear and fuel is a norm, so a swarm twice as large with twice the collision
 radius has the same transfers at twice the fuel. In units of r_col and Δt nothing is left of that:
@@ -24,7 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
 # Distance within which decoupled optima must come for a pair to be looked at at all: in r_col, and
-# as a share of the swarm's extent, since who flies far can be sent far off at little cost
+# as a share of the swarm's extent, since craft that fly far can be moved far at little cost
 NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
 TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
@@ -45,7 +45,7 @@ AT_FIRST = 1024  # encounters for which there is room before it is doubled
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u."""
+    """Scaled transfer maps of a problem: all node states are drift · s₁ + reach · u."""
 
     nodes: int  # T
     step: float  # Δt, s
@@ -61,7 +61,7 @@ class Grid:
 
 @lru_cache(maxsize=32)
 def grid_of(problem: Problem, device: Any = None) -> Grid:
-    """The grid of a problem, whose collision radius has no part in it; on a device, as tensors."""
+    """The maps of a problem, the same for any collision radius; as tensors if a device is given."""
     if device is not None:
         grid, torch = grid_of(problem), sys.modules["torch"]
         with torch.inference_mode(False):  # what is kept must serve training too
@@ -84,7 +84,7 @@ def in_units(
 
 
 def _per_step(problem: Problem) -> Float[Array, "6"]:
-    """What turns m and m/s into lengths."""
+    """Factors that turn m and m/s into lengths."""
     return np.repeat([1.0, problem.time_step], 3)
 
 
@@ -97,7 +97,7 @@ class Encounters:
     interval: Int[Array, "E"]  # which interval, from 0
 
     def of(self, which: Int[Array, "L"]) -> "Encounters":
-        """Some of them."""
+        """The encounters of some indices."""
         return Encounters(self.first[which], self.second[which], self.interval[which])
 
     @property
@@ -160,7 +160,7 @@ def approaches(
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """L encounters at a share of their intervals, as the first craft of each sees them."""
+    """Geometry of L encounters at a time in their intervals, relative to the second craft."""
 
     interval: Int[Any, "L"]  # which it is, from 0
     share: Float[Any, "L"]  # when, through which no gradient runs
@@ -186,7 +186,7 @@ def scene_of(
 def normals(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
 ) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
-    """Distance between the craft of each pair at a share of an interval, and the unit vector along.
+    """Distance and unit normal of each pair at a share of an interval.
 
     Where two craft touch, that is any across their motion, and gradients do not turn it.
     """
@@ -226,7 +226,7 @@ def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[An
 def passing(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"], along: Float[Any, "L 3"]
 ) -> tuple[Float[Any, "L 3"], Float[Any, "L"]]:
-    """Unit vector of the motion past each other, at right angles to a normal, and the speed."""
+    """Unit vector of the relative motion perpendicular to a normal, and the relative speed."""
     speed = velocities(ends, share)
     past = speed - (speed * along).sum(axis=1)[:, None] * along
     past = where(_length(past) < STILL, lambda: _across(along), past)
@@ -246,7 +246,7 @@ def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
-    """Some vector at right angles to each, also to none."""
+    """A unit vector roughly perpendicular to each, also to a zero vector."""
     xp = namespace(vector)
     axis = rows(like(np.eye(3), vector), xp.argmin(abs(vector), axis=1))
     across = xp.linalg.cross(vector, axis)
@@ -319,7 +319,7 @@ def close_pairs(states, n, within):
 @no_type_check
 @njit(cache=True)
 def stays_beyond(one, other, t, within):
-    """Whether two craft are sure to stay beyond a distance in an interval.
+    """Whether two craft certainly stay beyond a distance in an interval.
 
     Relative motion is a cubic, and lies among the four points that control it as a Bézier curve;
     where all of these are beyond a plane at that distance, so is the cubic. The plane is across the
@@ -365,7 +365,7 @@ def fill(motion, one, other, t):
 @no_type_check
 @njit(cache=True)
 def closest(motion):
-    """When the cubic is closest to 0, and how close."""
+    """Time and distance of the cubic's closest approach to 0."""
     when, least = 0.0, np.inf
     x, y, z = position_at(motion, 0.0)
     for stretch in range(STRETCHES):
@@ -401,7 +401,7 @@ def closest(motion):
 @no_type_check
 @njit(cache=True)
 def level(motion, s):
-    """Whether the cubic neither comes closer to 0 nor parts from it, but for rounding."""
+    """Whether the distance of the cubic from 0 is stationary, up to rounding."""
     square, slope, _, speed = distance_at(motion, s)
     return slope * slope <= LEVEL * LEVEL * square * speed
 
@@ -409,7 +409,7 @@ def level(motion, s):
 @no_type_check
 @njit(cache=True)
 def distance_at(motion, s):
-    """|p|² of the cubic, half its first two derivatives, and |v|²."""
+    """Squared distance |p|² of the cubic, half its first two derivatives, and |v|²."""
     square, slope, curvature, speed = 0.0, 0.0, 0.0, 0.0
     for x in range(3):
         p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
@@ -425,7 +425,7 @@ def distance_at(motion, s):
 @no_type_check
 @njit(cache=True)
 def position_at(motion, s):
-    """Where the cubic is."""
+    """Position on the cubic."""
     x = motion[0, 0] + s * (motion[1, 0] + s * (motion[2, 0] + s * motion[3, 0]))
     y = motion[0, 1] + s * (motion[1, 1] + s * (motion[2, 1] + s * motion[3, 1]))
     z = motion[0, 2] + s * (motion[1, 2] + s * (motion[2, 2] + s * motion[3, 2]))

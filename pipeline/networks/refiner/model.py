@@ -97,7 +97,7 @@ def edge_features(
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
-    """Edge features, as either craft sees them, in the round of a number.
+    """Edge features of each encounter, as either craft sees them, in the round of a number.
 
     ``dual`` is of the round before; ``load`` has planes, the sum of their duals, and fuel beyond
     the decoupled optimum.
@@ -133,10 +133,10 @@ def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
     return free / namespace(free).clip(norm, 1e-9, None)
 
 
-def agree(
+def trades(
     weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
 ) -> Float[Any, "L"]:
-    """Message passing: the trade of each encounter, r_col; ``free`` says which planes are alike."""
+    """Message passing: the trade of each encounter, r_col; ``free`` compares planes."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
     embedded = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
@@ -201,7 +201,7 @@ def offers(
     received: Float[Any, "*L _"],
     others: Float[Any, "*L _"],
 ) -> Float[Any, "*L"]:
-    """Offers of a craft, from the edge features and the aggregated messages of both craft."""
+    """Offers of a craft: an MLP of the edge features and both craft's aggregated messages."""
     every = namespace(embedded).concatenate([embedded, received, others], axis=-1)
     return linear(weights, "offer", two_layers(weights, "weigh", every))[..., 0]
 
@@ -223,11 +223,11 @@ def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any
 
 
 def trade_of(offer: Float[Any, "L"], other: Float[Any, "L"]) -> Float[Any, "L"]:
-    """What a craft that offers more than the other gives way beyond its share, r_col."""
+    """The trade by both offers: what the first craft gives way beyond its share, r_col."""
     return MOST_TRADE * namespace(offer).tanh(offer - other)
 
 
-def to_give(
+def way_to_give(
     distance: Float[Any, "L"],
     dual: Float[Any, "L 2"],
     first_dual: Float[Any, "L 2"],
@@ -267,7 +267,7 @@ class ProblemData:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """What the rounds have come to."""
+    """The state of the iteration after a round."""
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
@@ -293,7 +293,7 @@ def problem_data(
 
 
 def start(data: ProblemData) -> Iterate:
-    """The decoupled optima, before there is any plane."""
+    """The first iterate: decoupled optima, without planes."""
     controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
     states = data.grid.fly(data.initial, controls)
     near = approaches(data.met, states, np.full(len(nothing), WATCHED))
@@ -303,14 +303,14 @@ def start(data: ProblemData) -> Iterate:
 # One round: planes, edge features, messages, the trade, the programs.
 
 
-def play(
+def run_round(
     weights: Weights | None,
     data: ProblemData,
     now: Iterate,
     number: int,
     among: Bool[Array, "b"] | None = None,
 ) -> Iterate:
-    """The next iterate, by the round of a number from 0; without trades if there are no weights.
+    """One round: the next iterate, by the round of a number from 0; without weights no trades.
 
     ``among`` has the swarms that go on, while the others keep their controls; by default all do.
     """
@@ -334,8 +334,8 @@ def play(
         load = _load(craft, dual, data, plain(now.controls))  # (L, 2, 3)
         features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
-        trade = agree(weights, like(features, gain), free, sides)  # (L,)
-    give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
+        trade = trades(weights, like(features, gain), free, sides)  # (L,)
+    give = way_to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
     best, paid = optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
@@ -364,7 +364,7 @@ def _with_first_duals(
     which: Int[Array, "L"],
     gain: Float[Array, "L m"],
 ) -> Float[Array, "E 2"]:
-    """First duals also of planes that are new."""
+    """First duals, with those of new planes filled in."""
     new = np.flatnonzero(first_dual[which, 0] == 0)
     if len(new) == 0:
         return first_dual
@@ -398,7 +398,7 @@ def answer(
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
 ) -> Float[Array, "b n intervals 3"]:
-    """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
+    """Controls of each swarm after some rounds, m/s²; states are in m and m/s, radii in m."""
     controls, _ = cheapest_safe(weights, problem_data(problem, initial, goal, radius), rounds)
     unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
@@ -419,7 +419,7 @@ def cheapest_safe(
         if not going.any():
             break
         before = data.fuel(now.controls)
-        now = play(weights, data, now, number, going)
+        now = run_round(weights, data, now, number, going)
         fuel = safe_fuel(data, now)
         better = (fuel < least) | np.isinf(least)
         best = np.where(np.repeat(better, data.n)[:, None], now.controls, best)
@@ -436,7 +436,7 @@ def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
     )
 
 
-def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
+def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
     """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
 
     Elsewhere a pair that lacks something lacks more in the interval before or after.
@@ -479,7 +479,7 @@ class TrainedRefiner:
 
 @lru_cache(maxsize=1)
 def packaged() -> TrainedRefiner:
-    """The packaged model."""
+    """The trained refiner that comes with the package."""
     document = read_model(FOLDER)
     weights = read_weights(FOLDER, document.weights_sha256, arrays_from)
     problem = Problem(**document.problem.model_dump())

@@ -68,7 +68,7 @@ def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
 
 
 class Tableau(NamedTuple):
-    """A craft's program with b basic and o other variables, as in ``refiner.simplex``."""
+    """A craft's program with b basic and o other variables, as in ``refiner.programs``."""
 
     body: Float[Tensor, "b o"]
     value: Float[Tensor, "b"]
@@ -283,7 +283,7 @@ def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str
 
 
 class Step(nn.Module):
-    """One graph of some inputs, by which a craft makes some outputs."""
+    """One step of a craft as a graph, from named inputs to named outputs."""
 
     takes: tuple[str, ...] = ()  # names of the inputs, in order
     gives: tuple[str, ...] = ()  # names of the outputs
@@ -421,7 +421,7 @@ class Settle(Step):
         scene, now, t = self.scene(craft), craft.controls, craft.interval
         trade = model.trade_of(craft.offer, craft.told_offer)
         prices = _both(craft, "price"), _both(craft, "first_price")
-        give = model.to_give(scene.distance, *prices, trade)[:, 0]
+        give = model.way_to_give(scene.distance, *prices, trade)[:, 0]
         best, paid = solve_one(self.own(craft), scene.gain, scene.gain @ now + give, craft.live)
         best = torch.where(craft.live.any(), best, now)
         states = self.grid.fly(craft.initial[None], best[None])[0]
@@ -440,7 +440,7 @@ def outputs(step: type[Step]) -> tuple[str, ...]:
 
 
 def told_each_round(message: int) -> dict[str, int]:
-    """How many numbers a craft tells in a round for each live encounter, by name."""
+    """Numbers that a craft sends in a round for each live encounter, by name."""
     sizes = sizes_of(0, message, 1, 1)
     names = [name for step in ROUND.values() for name in step.tells]
     return {name: prod(VALUES[name].sized(sizes)) for name in names}

@@ -183,7 +183,7 @@ def solve_all(
 @no_type_check
 @njit(cache=True, fastmath={"reassoc"})
 def slack(gain, asked, mine, controls):
-    """How far controls go beyond what a side's plane asks for."""
+    """Slack of controls at a side's plane."""
     plane, second = mine >> 1, mine & 1
     along = 0.0
     for k in range(len(controls)):
@@ -194,7 +194,7 @@ def slack(gain, asked, mine, controls):
 @no_type_check
 @njit(cache=True)
 def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
-    """Row i for what is left at plane p, among the variables as they are."""
+    """Append the slack of plane p as row i, in terms of the present nonbasic variables."""
     plane, sign = mine >> 1, -1.0 if mine & 1 else 1.0
     value[i], side[i], basic[i] = left, 1.0, m + p
     for k in range(len(other)):
@@ -231,14 +231,14 @@ def first_ratios(tableau, basis, others, costs, craft_of, gain):
 @no_type_check
 @njit(cache=True)
 def slopes(variable, m, largest):
-    """Slopes of a variable's cost below and above 0."""
+    """Slopes of a variable's cost, below and above 0."""
     return (-1.0, 1.0) if variable < m else (-largest, 0.0)
 
 
 @no_type_check
 @njit(cache=True)
 def pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
-    """One step: a variable on the wrong side goes over, or leaves; False where there is none."""
+    """One step: the worst infeasible variable changes side or leaves; False if there is none."""
     leaving, worst = -1, SMALL
     for i in range(rows):
         if -value[i] * side[i] > worst:
@@ -289,7 +289,7 @@ def entering_variable(sign, line, cost, other, m, largest, ratio):
 @no_type_check
 @njit(cache=True)
 def exchange(rows, leaving, entering, body, value, basic, other):
-    """Let a basic variable go and another come."""
+    """Exchange a basic and a nonbasic variable."""
     line = body[leaving]
     inverse = 1.0 / line[entering]
     amount = value[leaving] * inverse

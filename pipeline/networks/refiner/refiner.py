@@ -27,9 +27,9 @@ from pipeline.networks.refiner.model import (
     Weights,
     answer,
     cheapest_safe,
-    lack,
-    play,
     problem_data,
+    run_round,
+    shortfall,
     start,
 )
 from pipeline.orbit.separation import drift_separations
@@ -65,7 +65,7 @@ class LossSettings(BaseModel):
 
 
 class MessagePassing(nn.Module):
-    """The weights of the network; ``model.agree`` is its forward pass. Untrained, trades are 0."""
+    """The weights of the network; ``model.trades`` is its forward pass. Untrained, trades are 0."""
 
     hears: Float[Tensor, ""]  # 1; stored with the weights, 0 where trained without messages
 
@@ -106,7 +106,7 @@ class Refiner:
 
     @property
     def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """One that learns from fuel and separation, without plans."""
+        """A recipe that learns from fuel and separation, without plans."""
         tuned = {
             "learning_rate": 2e-3,
             "batch_size": 32,
@@ -139,7 +139,7 @@ class Refiner:
     def loss(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
+        """Log of fuel over the lower bound plus separation shortfall, averaged over rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         given = _turned(_crowded(batch, encoding))
@@ -147,8 +147,8 @@ class Refiner:
         data, terms = problem_data(given.problem, *ends, given.initial.device), []
         now, weights = start(data), network.weights
         for number in range(settings.rounds):
-            now = play(weights, data, now, number)
-            missing = settings.violation * lack(data, now, 1 + settings.clear)
+            now = run_round(weights, data, now, number)
+            missing = settings.violation * shortfall(data, now, 1 + settings.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
             terms.append(torch.log(_ratio(data, now.controls) + missing).mean())
         weight = torch.tensor([settings.earlier**k for k in reversed(range(len(terms)))])
@@ -159,7 +159,7 @@ class Refiner:
     def score(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """The logarithm of answers' fuel and a penalty on unsafe ones, as they are and crowded."""
+        """Log of fuel and a penalty on unsafe plans, with collision radii given and raised."""
         assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         scores = []
         for radius in (batch["radius"], batch["most"]):
@@ -185,14 +185,14 @@ def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "
 
 
 def _crowded(batch: TensorBatch, encoding: Encoding) -> Swarms:
-    """The swarms with collision radii drawn up to the most that they may be."""
+    """Augmentation: collision radii drawn at random, up to the largest allowed."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least)
     return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
 
 
 def _turned(swarms: Swarms) -> Swarms:
-    """The same swarms seen in a mirror or from behind, which linear motion does not notice."""
+    """Augmentation: swarms mirrored or reversed, under which linear motion is invariant."""
     half = swarms.collision_radius.new_full((2, len(swarms.initial)), 0.5)
     behind, mirror = 1 - 2 * torch.bernoulli(half)
     axes = torch.ones(len(behind), 1, 6, dtype=behind.dtype, device=behind.device)
