@@ -18,11 +18,10 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import scenario_from
-from pipeline.scenario.inertial import scenario_from_inertial
+from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.scenario.scenario import Ends
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.state_files import read_inertial
 from pipeline.scenario.waypoint import Waypoint
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert.decoupled import LEFT_OUT, DecoupledOptima, decoupled_optima
+from pipeline.expert.batch import Batch
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
@@ -241,25 +241,19 @@ def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) 
 
     Where goals or times were chosen, the bound of all choices changes as this one's does.
     """
-    found, eased = linear.certificate, _eased(scenario)
-    optima = _optima(_as_linear(scenario, controls, states))
-    bound, proof = optima.bound()
-    proof += LEFT_OUT if scenario.unlike else ""
+    found, batch = linear.certificate, _batch(_as_linear(scenario, controls, states))
+    bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        change = bound - _optima(eased).bound()[0]
+        change = bound - _batch(_eased(scenario)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     timing = {"plan": linear.timing.get("plan", 0.0)}
-    least = 0.0
-    if scenario.problem.thrust.objective == "fair" and scenario.limits is not None:
-        least = optima.least_share(scenario.limits, scenario.problem.time_step)
-    proven = bound, PROOF.format(proof)
+    proven, least = (bound, PROOF.format(proof)), batch.least_share(batch.craft[0])
     return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
 
 
-def _optima(scenario: Scenario) -> DecoupledOptima:
-    """The decoupled optima of a scenario whose waypoints have times."""
-    ends = scenario.initial, scenario.goal, scenario.problem
-    return decoupled_optima(*ends, scenario.limits, _arrivals(scenario))
+def _batch(scenario: Scenario) -> Batch:
+    """A scenario whose waypoints have times, as the expert has it."""
+    return Batch([scenario], arrivals=_arrivals(scenario))
 
 
 def _changed(
