@@ -53,15 +53,11 @@ class Supervised(ABC):
     collision: bool = False  # whether the loss has the collision penalty
     answers: ClassVar[Answer] = "states"  # which obey no dynamics
     objective: ClassVar[str] = "valid_position_rmse"  # from the expert's on validation data, m
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # changes of the recipes
 
     @property
     def config(self) -> Mapping[str, Any]:
         """No sizes."""
-        return {}
-
-    @property
-    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """No changes of the recipes."""
         return {}
 
     @property

@@ -99,26 +99,25 @@ def edge_features(
 ) -> Float[Any, "L 2 18"]:
     """Edge features of each encounter, as either craft sees them, in the round of a number.
 
-    ``dual`` is of the round before; ``load`` has planes, the sum of their duals, and fuel beyond
-    the decoupled optimum.
+    ``dual`` is of the round before; ``load`` has the node features of either craft.
     """
     past, speed = passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
     shared = [
-        3 * xp.clip(1 - scene.distance, -2, 2),
-        cast(scene.distance < 1, dual),
-        (scene.interval + scene.share) / (nodes - 1),
-        xp.log(speed + 0.1),
-        xp.log(xp.linalg.vector_norm(scene.gain, axis=1) + 1e-3),
-        xp.zeros_like(speed) + number / 8,
+        3 * xp.clip(1 - scene.distance, -2, 2),  # depth within r_col
+        cast(scene.distance < 1, dual),  # whether it is within r_col
+        (scene.interval + scene.share) / (nodes - 1),  # time, as a share of the transfer
+        xp.log(speed + 0.1),  # relative speed
+        xp.log(xp.linalg.vector_norm(scene.gain, axis=1) + 1e-3),  # effect of controls
+        xp.zeros_like(speed) + number / 8,  # round
     ]
     own = [
         xp.log(first_dual),
         xp.clip(dual, None, 5),
         xp.log(dual + 1e-3),
-        load[..., 0] / 4,
-        xp.clip(load[..., 1], None, 10),
-        xp.clip(load[..., 2], None, 5),
+        load[..., 0] / 4,  # number of planes
+        xp.clip(load[..., 1], None, 10),  # sum of their duals
+        xp.clip(load[..., 2], None, 5),  # fuel beyond the decoupled optimum
     ]
     both = [xp.broadcast_to(values[:, None], dual.shape) for values in shared]
     around = xp.concatenate([scene.along, past], axis=1)  # (L, 6)
@@ -246,7 +245,7 @@ def way_to_give(
     return xp.stack([first, needed - first], axis=1)
 
 
-# What stays the same over the rounds, and what changes.
+# The problem, which is the same in all rounds, and the iterate, which changes.
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,11 +313,11 @@ def run_round(
 
     ``among`` has the swarms that go on, while the others keep their controls; by default all do.
     """
-    # A plane stays, or pairs would forget each other and meet again.
+    # A plane stays, or pairs would forget each other and meet again; live is (E,).
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
     if among is not None:
         live &= among[data.swarm]
-    which = np.flatnonzero(live)
+    which = np.flatnonzero(live)  # (L,)
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
@@ -326,12 +325,12 @@ def run_round(
     craft = met.craft  # (L, 2)
     scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
-    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))
+    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))  # (E, 2)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
-        load = _load(craft, dual, data, plain(now.controls))  # (L, 2, 3)
+        load = _node_features(craft, dual, data, plain(now.controls))  # (L, 2, 3)
         features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
         trade = trades(weights, like(features, gain), free, sides)  # (L,)
@@ -339,10 +338,10 @@ def run_round(
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
     best, paid = optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
-    controls = with_rows(now.controls, sides.craft, best)
-    flown = grid.fly(rows(data.initial, sides.craft), best)
-    states = with_rows(now.states, sides.craft, flown)
-    dual = with_rows(np.zeros_like(now.dual), which, paid)
+    controls = with_rows(now.controls, sides.craft, best)  # (N, m)
+    flown = grid.fly(rows(data.initial, sides.craft), best)  # (C, T, 6)
+    states = with_rows(now.states, sides.craft, flown)  # (N, T, 6)
+    dual = with_rows(np.zeros_like(now.dual), which, paid)  # (E, 2)
     moved = np.zeros(len(controls), dtype=bool)
     moved[sides.craft] = True
     # Encounters with planes are seen at any distance, others where they would get one.
@@ -373,13 +372,13 @@ def _with_first_duals(
     return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
 
 
-def _load(
+def _node_features(
     craft: Int[Array, "L 2"],
     dual: Float[Array, "L 2"],
     data: ProblemData,
     controls: Float[Array, "N m"],
 ) -> Float[Array, "L 2 3"]:
-    """Of either craft: planes, the sum of their duals, and fuel beyond the decoupled optimum."""
+    """Node features of either craft: planes, sum of their duals, fuel beyond the optimum."""
     N = len(controls)
     count = np.bincount(craft.reshape(-1), minlength=N)
     paid = np.bincount(craft.reshape(-1), dual.reshape(-1), minlength=N)
@@ -387,7 +386,7 @@ def _load(
     return np.stack([count, paid, more], axis=1)[craft]
 
 
-# The answer, and what is lacking.
+# The answer: the cheapest safe iterate; and the shortfall of separation, which is trained on.
 
 
 def answer(

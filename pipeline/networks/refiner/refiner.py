@@ -104,10 +104,9 @@ class Refiner:
         {"dropout", "interior", "target", "scaling", "collision_weight"}
     )
 
-    @property
-    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """A recipe that learns from fuel and separation, without plans."""
-        tuned = {
+    # One that learns from fuel and separation, without plans
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "tuned": {
             "learning_rate": 2e-3,
             "batch_size": 32,
             "epochs": 25,
@@ -118,7 +117,7 @@ class Refiner:
             "averaging": 0.998,
             "options": LossSettings().model_dump(),
         }
-        return {"tuned": tuned}
+    }
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """The network that all encounters share; it has no dropout."""
@@ -137,11 +136,10 @@ class Refiner:
         return {"initial": swarms.initial, "goal": swarms.goal, "radius": radius, "most": most}
 
     def loss(
-        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
+        self, network: MessagePassing, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """Log of fuel over the lower bound plus separation shortfall, averaged over rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
-        assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         given = _turned(_crowded(batch, encoding))
         ends = given.initial, given.goal, given.collision_radius
         data, terms = problem_data(given.problem, *ends, given.initial.device), []
@@ -157,10 +155,9 @@ class Refiner:
 
     @torch.no_grad()
     def score(
-        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
+        self, network: MessagePassing, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
         """Log of fuel and a penalty on unsafe plans, with collision radii given and raised."""
-        assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         scores = []
         for radius in (batch["radius"], batch["most"]):
             data = problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
@@ -170,10 +167,9 @@ class Refiner:
         return torch.stack(scores).mean()
 
     def answer(
-        self, network: nn.Module, swarms: Swarms, encoding: Encoding
+        self, network: MessagePassing, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
-        assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         ends = swarms.initial, swarms.goal, swarms.collision_radius
         return torch.from_numpy(answer(network.arrays, network.rounds, swarms.problem, *ends))
 
