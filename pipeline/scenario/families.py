@@ -141,7 +141,8 @@ class _Draw:
 
 
 Draws = Sequence[_Draw]
-Make = Callable[[Draws, Problem], Formations]
+Make = Callable[[_Draw], Elements]
+Scale = Callable[[Formations, Problem], Formations]
 Safe = Callable[[Formations, Problem], Bool[Array, "b"]]
 Problems = tuple[Problem, Problem]  # with the reference where it is at the first and the last node
 
@@ -194,36 +195,36 @@ def _redrawn(
 
 
 def _both_ends(
-    draws: Draws, problems: Problems, initial: Make, goal: Make, safe: Safe = _safe
+    draws: Draws,
+    problems: Problems,
+    initial: Make,
+    goal: Make,
+    scaled: Scale | None = None,
+    safe: Safe = _safe,
 ) -> list[Ends]:
     """Two formations of each draw, the goal's slots in random order."""
 
-    def formations(make: Make, problem: Problem) -> Formations:
-        return _redrawn(
-            len(draws),
-            lambda left: make([draws[k] for k in left], problem),
-            lambda states: safe(states, problem),
-        )
+    def formations(elements: Make, problem: Problem) -> Formations:
+        def make(left: list[int]) -> Formations:
+            states = _states([elements(draws[k]) for k in left], problem)
+            return states if scaled is None else scaled(states, problem)
+
+        return _redrawn(len(draws), make, lambda states: safe(states, problem))
 
     start, end = map(formations, (initial, goal), problems)
     return [(start[k], draw.rng.permutation(end[k])) for k, draw in enumerate(draws)]
 
 
-def _random_rings(draws: Draws, problem: Problem) -> Formations:
-    return _states([draw.rings() for draw in draws], problem)
-
-
 def _rings(draws: Draws, problems: Problems) -> list[Ends]:
     """One or two random rings at each end, goal slots in random order (the default)."""
-    return _both_ends(draws, problems, _random_rings, _random_rings)
+    return _both_ends(draws, problems, _Draw.rings, _Draw.rings)
 
 
 def _dense(draws: Draws, problems: Problems) -> list[Ends]:
     """Rings as small as passive safety lets them be, goal slots in random order."""
     n, radius = draws[0].n, problems[0].collision_radius
 
-    def formations(draws: Draws, problem: Problem) -> Formations:
-        states = _random_rings(draws, problem)
+    def scaled(states: Formations, problem: Problem) -> Formations:
         if n == 1:  # of the size of the collision radius
             return states * radius / np.abs(states[..., :3]).max(axis=(1, 2), keepdims=True)
         # Free drift is linear, so separation grows and shrinks with the formation.
@@ -235,29 +236,24 @@ def _dense(draws: Draws, problems: Problems) -> list[Ends]:
         fine[fine] = _safe(states[fine], problem)
         return fine
 
-    return _both_ends(draws, problems, formations, formations, safe)
+    return _both_ends(draws, problems, _Draw.rings, _Draw.rings, scaled, safe)
 
 
 def _split(
     draws: Draws, problems: Problems, sizes: tuple[float, float], tilts: tuple[float, float]
 ) -> list[Ends]:
     """The paper's Figure 1: a flat 200 m ring to two rings of half the craft each."""
-    growth = draws[0].growth
 
-    def ring(draws: Draws, problem: Problem) -> Formations:
-        return _states([_ring(200.0 * growth, 0.0, draw.slots(draw.n)) for draw in draws], problem)
+    def ring(draw: _Draw) -> Elements:
+        return _ring(200.0 * draw.growth, 0.0, draw.slots(draw.n))
 
     def halves(draw: _Draw) -> Elements:
         cross = draw.angle()
         both = zip(draw.sizes(2), sizes, tilts, strict=True)
-        return np.concatenate(
-            [_ring(a * growth, tilt, draw.slots(m), cross) for m, a, tilt in both]
-        )
+        rings = [_ring(a * draw.growth, tilt, draw.slots(m), cross) for m, a, tilt in both]
+        return np.concatenate(rings)
 
-    def split(draws: Draws, problem: Problem) -> Formations:
-        return _states([halves(draw) for draw in draws], problem)
-
-    return _both_ends(draws, problems, ring, split)
+    return _both_ends(draws, problems, ring, halves)
 
 
 def _coplanar_split(draws: Draws, problems: Problems) -> list[Ends]:
