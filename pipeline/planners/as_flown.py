@@ -37,13 +37,13 @@ from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft, passed_at
 
-CORRECTIONS = 8  # steps at most; each leaves about the square of what was missed
-MET = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that no further step is worth, m and m/s
+MOST_CORRECTIONS = 8  # steps; each leaves about the square of what was missed
+GOAL_TOLERANCE = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that is left as it is, m and m/s
 LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corrections have the rest
-WIDER = 1.5  # times what was missing that a planner is asked to add, of separation or in corridors
-RISKY = 0.05  # separation beyond that a plan is worth whose risk is too large as flown, m
-DEAR = 1e-3  # fuel, as a share of the bound, that corrections may cost before it is planned again
-TRIES = 4  # plans that are asked for at most
+WIDENING = 1.5  # times the shortfall of separation or in corridors, asked for in the next plan
+RISK_WIDENING = 0.05  # more separation asked for where the risk is too large as flown, m
+MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound, before it is planned again
+MOST_PLANS = 4  # plans that are asked for
 
 PROOF = "{}, about the flight, to first order"
 
@@ -82,14 +82,14 @@ class AsFlown(PlannerWrapper):
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
         """The plan as flown, planned again where it is not safe there, or burns too much."""
         started, planning, more = perf_counter(), linear.timing.get("plan", 0.0), np.zeros(2)
-        dear, solves = linear.certificate.optimality_gap + DEAR, linear.convex_solves
+        dear, solves = linear.certificate.optimality_gap + MOST_FUEL_ADDED, linear.convex_solves
         passed = _passed(linear)
         best = plan = _corrected(scenario, linear, self.requirements, passed)
-        for tried in range(TRIES - 1):
+        for tried in range(MOST_PLANS - 1):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear
             if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
                 break
-            more += WIDER * np.array([_missing(plan), _outside(plan)])
+            more += WIDENING * np.array([_missing(plan), _outside(plan)])
             linear = self._again(plan, linear, passed, more)
             solves += linear.convex_solves
             if linear.status == SOLVED:
@@ -191,7 +191,7 @@ def _missing(plan: Plan) -> float:
         bounds[1] = radius + drift.clearance.min_clearance_bound
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
     if found.risk is not None and not found.risk.kept:
-        close.append(RISKY)
+        close.append(RISK_WIDENING)
     return max(close) + 1e-3 if close else 0.0
 
 
@@ -209,9 +209,9 @@ def _corrected(
     problem, initial, controls = scenario.problem, scenario.initial, linear.controls
     timed = replace(scenario, waypoints=passed)
     at, states = _arrivals(timed), nodes_in_world(initial, controls, problem)
-    for _ in range(CORRECTIONS):
+    for _ in range(MOST_CORRECTIONS):
         miss = at.missed(states)
-        if (np.abs(miss) <= np.tile(MET, len(at.nodes))).all():
+        if (np.abs(miss) <= np.tile(GOAL_TOLERANCE, len(at.nodes))).all():
             break
         controls = _changed(controls, miss, at, problem, scenario.limits)
         states = nodes_in_world(initial, controls, problem)

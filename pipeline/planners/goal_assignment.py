@@ -15,14 +15,14 @@ from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs,
 from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 
-MOST = 16
+MOST_PLANNED = 16
 """Assignments that are planned at most, besides the given order.
 
 On 100 crowded validation scenarios of ten craft (family dense) the best of 1, 4, 8 and 16 is 1.51,
 1.19, 1.18 and 1.18 % above the bound, on 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 """
 
-DEAR = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
+LARGE_GAP = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
 # How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
@@ -30,7 +30,7 @@ IMPOSSIBLE = (
     "whichever goals they take, some craft cannot reach its own{} within {}, which is proven"
 )
 
-ADRIFT = (
+UNSAFE_DRIFT = (
     "whichever goals they take, a craft adrift comes within collision_radius of another after the "
     "plan, which is proven"
 )
@@ -47,7 +47,7 @@ class GoalAssignment(PlannerWrapper):
     their decoupled costs are less than that plan's, and keeps the cheapest safe one.
     """
 
-    most: int = MOST  # assignments that are planned at most, besides the given order
+    most: int = MOST_PLANNED  # assignments that are planned at most, besides the given order
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.
@@ -127,7 +127,7 @@ class _Candidates:
             return []
         plan, craft = self.tried[self.first], range(self.scenario.n)
         least = plan.certificate.fuel if plan.status == SOLVED else np.inf
-        if self._gap(least, self.costs.of(self.first)) <= DEAR:
+        if self._gap(least, self.costs.of(self.first)) <= LARGE_GAP:
             return []
         asked = dict.fromkeys([*self.ranking[1:], self.given])
         return [
@@ -154,7 +154,7 @@ class _Candidates:
             way = " by its waypoints" if self.scenario.waypoints else ""
             return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(way, limits))
         if self.first is None:
-            plan = replace(plan, message=ADRIFT)
+            plan = replace(plan, message=UNSAFE_DRIFT)
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)

@@ -162,11 +162,8 @@ class Scenario:
 
     def named(self, i: int, j: int) -> str:
         """Two participants in words, of which those beyond the craft are obstacles."""
-        return (
-            f"craft {i} and {j}"
-            if j < self.n
-            else f"craft {i} and {self.obstacles[j - self.n].name}"
-        )
+        other = str(j) if j < self.n else self.obstacles[j - self.n].name
+        return f"craft {i} and {other}"
 
     def wanted(self, i: int, j: int) -> str:
         """The separation that two participants must keep, in words."""
@@ -179,21 +176,18 @@ class Scenario:
 
     def wider(self, by: float, inside: float = 0.0) -> "Scenario":
         """The scenario with separation increased and corridors narrowed, m."""
-        problem = replace(self.problem, collision_radius=self.problem.collision_radius + by)
-        craft = [
-            one if one.radius is None else replace(one, radius=one.radius + by / 2)
-            for one in self.craft
-        ]
-        obstacles = tuple(one.wider(by / 2) for one in self.obstacles)
-        corridors = tuple(
-            replace(one, inside=one.inside.narrower(inside)) for one in self.corridors
-        )
+        problem, craft = self.problem, self.craft
         return replace(
             self,
-            problem=problem,
-            craft=tuple(craft),
-            obstacles=obstacles,
-            corridors=corridors,
+            problem=replace(problem, collision_radius=problem.collision_radius + by),
+            craft=tuple(
+                one if one.radius is None else replace(one, radius=one.radius + by / 2)
+                for one in craft
+            ),
+            obstacles=tuple(one.wider(by / 2) for one in self.obstacles),
+            corridors=tuple(
+                replace(one, inside=one.inside.narrower(inside)) for one in self.corridors
+            ),
         )
 
     def taking(self, slots: Sequence[int]) -> "Scenario":

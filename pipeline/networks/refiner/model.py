@@ -64,7 +64,7 @@ from pipeline.networks.refiner.programs import (
 )
 from pipeline.orbit.problem import Problem
 
-WATCHED = 1.3  # distance in r_col within which a pair that turns from coming closer gets a plane
+PLANE_DISTANCE = 1.3  # in r_col, within which pairs that turn from coming closer get a plane
 
 SAFE = 1 + 1e-4
 """Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
@@ -295,7 +295,7 @@ def start(data: ProblemData) -> Iterate:
     """The first iterate: decoupled optima, without planes."""
     controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
     states = data.grid.fly(data.initial, controls)
-    near = approaches(data.met, states, np.full(len(nothing), WATCHED))
+    near = approaches(data.met, states, np.full(len(nothing), PLANE_DISTANCE))
     return Iterate(controls, states, near, nothing, nothing)
 
 
@@ -345,7 +345,7 @@ def run_round(
     moved = np.zeros(len(controls), dtype=bool)
     moved[sides.craft] = True
     # Encounters with planes are seen at any distance, others where they would get one.
-    within = np.where(first_dual[:, 0] > 0, np.inf, WATCHED)
+    within = np.where(first_dual[:, 0] > 0, np.inf, PLANE_DISTANCE)
     near = approaches(data.met, states, within, now.near, moved)
     return Iterate(controls, states, near, dual, first_dual)
 
@@ -354,7 +354,7 @@ def gets_plane(
     distance: Float[Any, "E"], turns: Bool[Any, "E"], number: int | Int[Any, ""]
 ) -> Bool[Any, "E"]:
     """Whether pairs that have no plane yet get one in the round of a number."""
-    return (turns & (distance < WATCHED)) | ((distance < SAFE) & (number >= TURNS_ONLY))
+    return (turns & (distance < PLANE_DISTANCE)) | ((distance < SAFE) & (number >= TURNS_ONLY))
 
 
 def _with_first_duals(

@@ -22,7 +22,7 @@ from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
-    WATCHED,
+    PLANE_DISTANCE,
     ProblemData,
     Weights,
     answer,
@@ -59,8 +59,8 @@ class LossSettings(BaseModel):
 
     rounds: int = Field(default=8, ge=1)  # in training
     violation: float = 2.5  # what a r_col that an encounter lacks counts as
-    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``WATCHED``
-    clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
+    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``PLANE_DISTANCE``
+    clear: float = Field(default=0.008, ge=0, le=PLANE_DISTANCE - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
 
 
