@@ -49,9 +49,9 @@ def _drawn(
 
 
 def joined(first: ExampleSource, second: Examples) -> ExampleSource:
-    """Examples followed by others without plans, which are one part of a stream.
+    """Examples followed by others without plans, which become the last part of a stream.
 
-    There the states of the others are not numbers, if those of the first are known.
+    In memory the states of the others are NaN, where those of the first are known.
     """
     if isinstance(first, ExampleStream):
         last = first.part_count

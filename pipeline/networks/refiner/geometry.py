@@ -246,7 +246,7 @@ def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
-    """A unit vector roughly perpendicular to each, also to a zero vector."""
+    """A vector perpendicular to each, also to a zero vector."""
     xp = namespace(vector)
     axis = rows(like(np.eye(3), vector), xp.argmin(abs(vector), axis=1))
     across = xp.linalg.cross(vector, axis)
