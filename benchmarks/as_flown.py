@@ -1,4 +1,4 @@
-"""What planning as flown changes: plans for the linear model and as flown, without errors.
+"""Plans made for the linear model beside plans made as flown, both flown without errors.
 
     python -m benchmarks.as_flown --out reports/bench
 
@@ -17,7 +17,7 @@ from benchmarks.tables import show, write_json
 from pipeline.experiments.experiment5 import in_both_models, summarize_flights
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.trials import EvaluatedPlanner
-from pipeline.networks.refiner.packaged import packaged
+from pipeline.networks.refiner.model import packaged
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import Expert

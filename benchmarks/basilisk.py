@@ -85,7 +85,7 @@ def _actuators(sim: Any, deputy: Any) -> tuple[Any, Any, Any]:
 
 
 def _new(module: str, first: str = "") -> Any:
-    """An instance of a module's class, which has its name."""
+    """An instance of the class that is named as its module."""
     name = module.split(".")[-1]
     return getattr(needed(f"Basilisk.{module}", PACKAGE), first + name[len(first) :])()
 

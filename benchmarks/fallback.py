@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.model import load
-from pipeline.networks.refiner.packaged import FOLDER, TrainedRefiner, packaged
+from pipeline.networks.refiner.model import FOLDER, TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit

@@ -1,4 +1,4 @@
-"""What others would plan with, one function each: from a scenario to controls, m/s².
+"""Planners of others, for comparison: each a function from a scenario to controls, m/s².
 
 Programs that one would write in cvxpy, apart at nodes only, DCCP's procedure among them; OpenSCvx
 as its examples have it; and each craft's own optimum, repaired where craft meet.
@@ -102,7 +102,7 @@ def by_plain_scp(scenario: Scenario) -> Controls:
 
 
 def _sampled(problem: Problem) -> tuple[Float[Array, "S 6 6"], Float[Array, "S 6 m"]]:
-    """What initial states and controls come to at POINTS times of each interval and at the end."""
+    """Transfer maps to POINTS times in each interval."""
     m, step = 3 * problem.intervals, problem.time_step
     drift, reach = [np.eye(6)], [np.zeros((6, m))]
     for k in range(problem.intervals):
@@ -164,7 +164,7 @@ def by_repair(scenario: Scenario) -> Controls:
 
 
 class OpenScvx:
-    """OpenSCvx for one n, one problem and one size, m, compiled once, its settings as they come.
+    """OpenSCvx for one n, problem and size, m, compiled once, with its default settings.
 
     Thrust is split into what is along axes and against them, so that fuel is linear; nodes are
     equally spaced; constraints hold in continuous time (``ctcs``).

@@ -1,4 +1,4 @@
-"""What making, verifying, reading and an epoch on a dataset of many rows cost, and at 10⁸.
+"""Cost of making, verifying, reading and training on a large dataset, extrapolated to 10⁸ rows.
 
     python -m benchmarks.scale --rows 1000000 --folder data/scale
 

@@ -1,4 +1,4 @@
-"""What benchmarks measured, as tables on the screen and as JSON files."""
+"""Results of benchmarks as tables on the screen and as JSON files."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The yardstick: our plans beside what is published, and beside what others plan.
+"""Our plans beside published results, and beside the plans of other planners.
 
     python -m benchmarks.yardstick --page docs/yardstick.md
 
@@ -66,7 +66,7 @@ Norm = Literal["components", "norm"]
 
 @dataclass(frozen=True)
 class Case:
-    """A transfer of one craft, in legs, and what somebody else says that it costs."""
+    """A transfer of one craft, in legs, with a published or computed Δv."""
 
     name: str
     files: tuple[str, ...]  # in examples/, a leg each
@@ -274,7 +274,7 @@ def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
 
 
 class Planning:
-    """A peer at a swarm's scenarios: here, or a foreign one in a process that ends in time."""
+    """A peer that plans a swarm's scenarios; a foreign one in a process with a time limit."""
 
     def __init__(self, peer: Peer, patience: float) -> None:
         self.peer, self.made = peer, list[tuple[Verdict, float]]()
@@ -302,7 +302,7 @@ class Planning:
 
 
 def _limit(patience: float) -> None:
-    """One thread, and an end by the system after so much CPU time, s."""
+    """Limit a process to one thread and so much CPU time, s."""
     most = ceil(patience)
     resource.setrlimit(resource.RLIMIT_CPU, (most, most))
     threadpool_limits(1)
@@ -325,7 +325,7 @@ def _planned(peer: Peer, scenario: Scenario) -> tuple[Controls | None, float]:
 def swarm_rows(
     swarm: tuple[str, int, int], peers: Sequence[Peer] = PEERS, patience: float = PATIENCE
 ) -> list[dict[str, object]]:
-    """What peers, ours first, make of so many scenarios of a family and n; patience in s."""
+    """A row for each peer, ours first, on some scenarios of a family and n; patience in s."""
     family, n, count = swarm
     scenarios = [draw(family, SEED, n, k, Problem()) for k in range(count)]
     bounds = [

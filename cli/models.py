@@ -229,7 +229,7 @@ def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> lis
 
 
 def _say(made: "ExportedModel") -> None:
-    from pipeline.networks.refiner.on_board.export import ExportedCraft
+    from pipeline.networks.refiner.on_board_export import ExportedCraft
 
     file, checked = made.file, made.file.checked
     if isinstance(file, ExportedCraft):

@@ -126,7 +126,7 @@ def planners() -> list[str]:
 
 def architectures(incomplete: str) -> list[str]:
     """Completion of installed architectures; of several, joined by commas, the last."""
-    from pipeline.networks.catalogue import architecture_names
+    from pipeline.networks.recipes import architecture_names
 
     before, comma, _ = incomplete.rpartition(",")
     return sorted(before + comma + name for name in architecture_names())

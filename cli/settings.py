@@ -295,8 +295,7 @@ class InertialFiles:
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
         from pipeline.scenario.fields import utc
-        from pipeline.scenario.inertial import scenario_from_inertial
-        from pipeline.scenario.state_files import read_inertial
+        from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
 
         if self.initial is None or self.goal is None:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Plans flown outside the linear model: once, or many times with errors."""
+"""Fly plans outside the linear model: once, or in a Monte Carlo with errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

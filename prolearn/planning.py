@@ -1,4 +1,4 @@
-"""Scenarios checked, planned, and planned for several transfer times."""
+"""Check and plan scenarios, and trade fuel against transfer time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -94,7 +94,7 @@ def plan(
 
 
 def _in_world(scenario: Scenario, world: Conditions | bool) -> Scenario:
-    """The scenario about an orbit of its own, or that of the conditions."""
+    """The scenario about its own orbit, or the orbit of the conditions."""
     if isinstance(world, Conditions) and scenario.problem.orbit is not None:
         raise InputError(
             "world has conditions and the scenario an orbit of its own; expected world=True, or a "
@@ -144,5 +144,5 @@ def tradeoff(
 
 
 def planner_from(given: str | Planner, requirements: Requirements = AT_ALL_TIMES) -> Planner:
-    """A planner that is there, or the one of a name with some requirements."""
+    """A planner object as it is, or the planner of a name with some requirements."""
     return planner_of(given, requirements, None) if isinstance(given, str) else given

@@ -1,4 +1,4 @@
-"""Scenarios of a person's own, from rings or from states."""
+"""Scenarios from rings, from states or from files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,11 +18,10 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import scenario_from
-from pipeline.scenario.inertial import scenario_from_inertial
+from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.scenario.scenario import Ends
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.state_files import read_inertial
 from pipeline.scenario.waypoint import Waypoint
 
 
@@ -183,7 +182,7 @@ def _end(given: Any) -> Any:
 
 
 def _plain(given: Any) -> Any:
-    """Numbers and lists in place of numpy's, wherever they are."""
+    """Numpy values as plain numbers and lists, at any depth."""
     if isinstance(given, np.generic | np.ndarray):
         return given.tolist()
     if isinstance(given, Mapping):

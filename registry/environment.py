@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.documents import parsed
-from pipeline.networks.catalogue import distribution_of
+from pipeline.networks.recipes import distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")

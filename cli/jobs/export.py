@@ -13,11 +13,10 @@ from pipeline.networks.model import load as load_network
 from pipeline.networks.onnx_export import TOLERANCE, Exported
 from pipeline.networks.onnx_export import export as export_onnx
 from pipeline.networks.recipes import REFINER
-from pipeline.networks.refiner.model import SAFE, STEADY
-from pipeline.networks.refiner.on_board.export import TOLERANCE as CRAFT_TOLERANCE
-from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, value
-from pipeline.networks.refiner.packaged import FOLDER
+from pipeline.networks.refiner.model import FOLDER, SAFE, STEADY
+from pipeline.networks.refiner.on_board import STEPS, outputs, value
+from pipeline.networks.refiner.on_board_export import TOLERANCE as CRAFT_TOLERANCE
+from pipeline.networks.refiner.on_board_export import ExportedCraft, export_craft
 from pipeline.templates import template
 from registry.models import PREFIX, ModelVersion, load
 from registry.training import model_metric_by_size

@@ -5,7 +5,7 @@ import re
 from pipeline.errors import InputError, check_choice
 from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.extras import told_which_extra
-from pipeline.networks.catalogue import architecture_names
+from pipeline.networks.recipes import architecture_names
 from pipeline.plan import Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import NAMES, named_planner

@@ -12,19 +12,18 @@ from torch import Tensor, nn
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError, check_choice
-from pipeline.networks.catalogue import entry_point
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.recipes import RECIPES, Recipe
+from pipeline.networks.recipes import RECIPES, Recipe, entry_point
 from pipeline.orbit.problem import Problem
 
 TensorBatch = Mapping[str, Tensor]
-"""What an architecture has prepared for some swarms; the first axis of each tensor is theirs."""
+"""Input tensors of loss and score by name; the first axis of each is that of the batch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Swarms:
-    """Some swarms of one size on one orbit and time grid, in float64 on the CPU."""
+    """A batch of swarms of one size on one orbit and time grid, in float64 on the CPU."""
 
     problem: Problem  # orbit and time grid
     initial: Float64[Tensor, "b n 6"]  # m and m/s
@@ -40,20 +39,20 @@ def swarms(
     goal: Float[Array, "b n 6"],
     states: Float[Array, "b n T 6"] | None = None,
 ) -> Swarms:
-    """Swarms that share a problem, its collision radius included, without copies of the arrays."""
+    """A batch of swarms with one problem and collision radius; arrays are not copied."""
     radius = torch.full((len(initial),), problem.collision_radius, dtype=torch.float64)
     labels = None if states is None else _tensor(states)
     return Swarms(problem, _tensor(initial), _tensor(goal), radius, labels)
 
 
 def _tensor(values: Float[Array, "..."]) -> Float64[Tensor, "..."]:
-    """The same numbers, in the same memory where torch can share it."""
+    """A tensor that shares the memory of an array where it can."""
     return torch.from_numpy(np.require(values, np.float64, ["C", "W"]))
 
 
 @runtime_checkable
 class Architecture(Protocol):
-    """One way from the end states of a swarm to its transfer: what it reads, learns, answers."""
+    """A kind of network: its inputs, its layers, its loss, and what it predicts."""
 
     @property
     def config(self) -> Mapping[str, Any]:
@@ -65,11 +64,11 @@ class Architecture(Protocol):
 
     @property
     def answers(self) -> Answer:
-        """What it answers with: "states" at the nodes, or "controls" of the intervals."""
+        """What it predicts: "states" at the nodes, or "controls" of the intervals."""
 
     @property
     def objective(self) -> str:
-        """The metric of a training that a search for better recipes makes small."""
+        """The metric of a training that hyperparameter search minimizes."""
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """An untrained module.
@@ -82,7 +81,7 @@ class Architecture(Protocol):
         """
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
-        """What loss and score need of some swarms, on the CPU.
+        """The inputs of loss and score for a batch of swarms, on the CPU.
 
         It is done once where data stays in memory. InputError where it needs the expert's plans and
         there are none.
@@ -91,12 +90,12 @@ class Architecture(Protocol):
     def loss(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """What training makes small: a mean over a batch, on the network's device."""
+        """The training loss: a mean over a batch, on the network's device."""
 
     def score(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """What decides which weights are kept: a mean over validation data, least best."""
+        """The validation score, a mean: weights with the lowest are kept."""
 
     def answer(
         self, network: nn.Module, swarms: Swarms, encoding: Encoding
@@ -105,7 +104,7 @@ class Architecture(Protocol):
 
 
 def unused_fields(architecture: Architecture) -> frozenset[str]:
-    """Fields of a recipe that change nothing: the member ``unused``, where there is one."""
+    """Fields of a recipe without effect: the architecture's member ``unused``, if any."""
     return frozenset(getattr(architecture, "unused", ()))
 
 
@@ -129,7 +128,7 @@ def find(name: str) -> Architecture:
 
 
 def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
-    """``recipe_for`` with other fields; InputError also for one that changes nothing."""
+    """``recipe_for`` with other fields; InputError also for one without effect."""
     followed = recipe_for(arch, name)
     for field in sorted({*changes} & unused_fields(find(arch))):
         raise InputError(

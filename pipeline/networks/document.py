@@ -1,4 +1,4 @@
-"""What a trained network has without torch: model.json (prolearn.model/1), weights and answers."""
+"""Stored networks without torch: model.json (prolearn.model/1), weights, and their protocol."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ WEIGHTS_FILE = "weights.safetensors"
 DOCUMENT_FILE = "model.json"
 
 COLUMNS_AT_ONCE = 50_000
-"""Columns n·T of all instances answered together; a few hundred MB in the widest network."""
+"""Columns n·T of a batch at most; a few hundred MB in the widest network."""
 
 Answer = Literal["states", "controls"]
 
@@ -41,7 +41,7 @@ class TrainedNetwork(Protocol):
 
     @property
     def answers(self) -> Answer:
-        """What it answers with."""
+        """What it predicts."""
 
     @property
     def digest(self) -> str:
@@ -58,7 +58,7 @@ class TrainedNetwork(Protocol):
 
 
 def portions(initial: Array, goal: Array, nodes: int) -> Iterator[slice]:
-    """Swarms that are answered together, one portion even of none; InputError for wrong shapes."""
+    """Batches that fit in memory, one even of no swarms; InputError for wrong shapes."""
     n, components = initial.shape[-2:]
     if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
         raise InputError(
@@ -108,7 +108,7 @@ class ModelDocument(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _undamaged(cls, fields: Any) -> Any:
-        """Refuse fields that are not those of their checksum; earlier versions wrote none."""
+        """Refuse fields whose checksum is wrong; earlier versions wrote none."""
         checked = isinstance(fields, dict) and CHECKSUM in fields
         return without_checksum(fields) if checked else fields
 
@@ -125,7 +125,7 @@ def read_model(folder: Path) -> ModelDocument:
 
 
 def read_weights(folder: Path, digest: str, parse: Callable[[bytes], Weights]) -> Weights:
-    """The weights of a folder, by safetensors; InputError where missing, damaged or others."""
+    """The weights in a folder; InputError where missing, damaged or not those of the digest."""
     path = folder / WEIGHTS_FILE
     try:
         content = path.read_bytes()

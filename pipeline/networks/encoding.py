@@ -1,4 +1,4 @@
-"""How states become what a network reads and answers, and back."""
+"""Encoding of states as inputs and targets of networks, and decoding of their outputs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ Trajectories = Float[Array, "*batch T 6"]
 
 
 def _ends_alone(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
-    """Nothing but the first and last state of each craft."""
+    """Trajectories that are zero between the first and the last state."""
     states = np.zeros((*initial.shape[:-1], problem.nodes, 6))
     states[..., 0, :], states[..., -1, :] = initial, goal
     return states
@@ -35,7 +35,7 @@ INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
 """By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
 TARGETS = STATES, OFFSET = "states", "offset"
-"""The answer is the trajectory itself, as in the paper, or its offset from the input's."""
+"""The output is the trajectory itself, as in the paper, or its offset from the input's."""
 
 SCALINGS = COMMON, COMPONENT = "common", "component"
 """One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix, or
@@ -47,7 +47,7 @@ LEAST_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class Encoding:
-    """The paper's 6 x nT matrix, craft after craft, with its largest components near 1."""
+    """Scaling of the paper's 6 x nT matrix (craft after craft), by which its values are near 1."""
 
     problem: Problem  # orbit, time grid and collision radius of the training data
     n: int  # spacecraft in each training instance
@@ -57,32 +57,32 @@ class Encoding:
     target_scale: tuple[float, ...]  # the same of the targets
 
     def __post_init__(self) -> None:
-        """Refuse names that mean nothing here."""
+        """Refuse unknown names."""
         check_choice("interior", self.interior, INTERIORS)
         check_choice("target", self.target, TARGETS)
 
     def inputs(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
     ) -> Float[Tensor, "N n T 6"]:
-        """What a network reads, in float64, from states in m and m/s."""
+        """Inputs of the network, float64, from states in m and m/s."""
         states = INTERIORS[self.interior](initial, goal, self.problem)
         return torch.from_numpy(states / np.array(self.input_scale))
 
     def targets(
         self, states: Float[Array, "N n T 6"], inputs: Float[Tensor, "N n T 6"]
     ) -> Float[Tensor, "N n T 6"]:
-        """What a network should answer, in float64, for states in m and m/s."""
+        """Targets of the network, float64, from states in m and m/s."""
         wanted = torch.from_numpy(states) - self._base(inputs)
         return wanted / wanted.new_tensor(self.target_scale)
 
     def decode(
         self, output: Float[Tensor, "*batch n T 6"], inputs: Float[Tensor, "*batch n T 6"]
     ) -> Float[Tensor, "*batch n T 6"]:
-        """The states in m and m/s that an answer stands for."""
+        """States in m and m/s from outputs of the network."""
         return self._base(inputs) + output * output.new_tensor(self.target_scale)
 
     def _base(self, inputs: Float[Tensor, "*batch n T 6"]) -> Float[Tensor, "*batch n T 6"]:
-        """What an answer is added to."""
+        """The states that outputs are relative to."""
         if self.target == STATES:
             return torch.zeros_like(inputs)
         return inputs * inputs.new_tensor(self.input_scale)

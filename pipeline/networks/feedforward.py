@@ -1,4 +1,4 @@
-"""The paper's feed-forward networks FF1, FF2 and FFcol: all numbers in, all numbers out."""
+"""The paper's feed-forward networks FF1, FF2 and FFcol: dense layers on all states at once."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
 
 
 class Layers(BaseModel):
-    """Units of each hidden layer, in order; ValueError where they make no sense."""
+    """Configuration: units of each hidden layer, in order; ValueError for invalid ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

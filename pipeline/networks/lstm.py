@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -41,10 +41,7 @@ class Columns(nn.Module):
 class Lstm(Layered):
     """LSTM layers over the craft's trajectories, one after the other, so for any number of them."""
 
-    @property
-    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """Where LSTMs depart from the recipes."""
-        return {"paper": STEPS, "tuned": STEPS}
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {"paper": STEPS, "tuned": STEPS}
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """LSTM layers and a linear layer back to six numbers a column."""

@@ -1,4 +1,4 @@
-"""A trained model: a value that answers swarms, in a folder when it is not in memory."""
+"""Trained models: prediction for swarms, and storage in a folder."""
 
 import hashlib
 from collections.abc import Mapping
@@ -84,7 +84,7 @@ class Model:
 
     @property
     def answers(self) -> Answer:
-        """What it answers with: "states" or "controls"."""
+        """What it predicts: "states" or "controls"."""
         return find(self.architecture).answers
 
     def predict(
@@ -166,7 +166,7 @@ def load(folder: Path) -> Model:
 
 
 def _skeleton(architecture: str, config: Mapping[str, Any], encoding: Encoding) -> nn.Module:
-    """The network without memory for its weights, so that no file can ask for too much of it."""
+    """The network on torch's meta device, so that no file can ask for too much memory."""
     found = find(architecture)
     with torch.device("meta"):
         return found.network(config, encoding, 0.0)

@@ -1,8 +1,12 @@
-"""A model as one ONNX file for use on board, compared with torch before it takes its name."""
+"""Export of a model as one ONNX file, compared with torch before it is written."""
 
+import json
+import logging
 import math
 import timeit
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -16,11 +20,11 @@ from torch.export import Dim
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.extras import told_which_extra
 from pipeline.files import published
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import INTERIORS, Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_files import open_session, traced, write
 from pipeline.networks.supervised import Supervised
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, project_to_flyable
@@ -37,10 +41,13 @@ SIZES = (1, 2, 10, 30, 100)
 INSTANCES = 4  # random swarms of each size that are compared
 WARM_UP, REPEATS = 5, 50  # calls before those that are timed, and these
 
+Axes = Mapping[str, Sequence[str | None]]
+"""Names of the axes whose length may differ, by input or output; None for the others."""
+
 
 @dataclass(frozen=True)
 class GraphCheck:
-    """What was measured."""
+    """Accuracy and speed of an exported file."""
 
     n: int | None  # the only number of craft that the file answers for, or None
     most: int | None  # the greatest number that it answers for, or None where there is no limit
@@ -57,7 +64,7 @@ class GraphCheck:
 
 
 def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck:
-    """Run a file on random swarms, and find out how large they may be.
+    """Compare a file with torch on random swarms, and find the largest swarm that it serves.
 
     InputError where onnxruntime is not installed. ProlearnError where its answer differs from
     torch's by more than TOLERANCE.
@@ -114,7 +121,7 @@ def _seconds(session: Any, model: Model, n: int) -> float:
     return float(np.median(timeit.repeat(call, number=1, repeat=WARM_UP + REPEATS)[WARM_UP:]))
 
 
-class OnBoard(nn.Module):
+class ExportedGraph(nn.Module):
     """The exported graph, float32: encoding, network, decoding, projection if ``flown``."""
 
     read: Tensor  # linear map from both end states of a craft to its input trajectory, (12, 6T)
@@ -146,7 +153,7 @@ class OnBoard(nn.Module):
 
 
 def input_map(encoding: Encoding) -> Float[Array, "12 _"]:
-    """What a craft's encoded input is of its initial and goal state: every interior is linear."""
+    """Linear map from both end states of a craft to its encoded input."""
     unit = np.eye(12)
     given = INTERIORS[encoding.interior](unit[:, :6], unit[:, 6:], encoding.problem)
     return (given / np.array(encoding.input_scale)).reshape(12, -1)
@@ -154,7 +161,7 @@ def input_map(encoding: Encoding) -> Float[Array, "12 _"]:
 
 @lru_cache(maxsize=8)
 def flyable_map(problem: Problem) -> Float[Array, "_ _"]:
-    """Flown states and controls of a craft from its predicted states and both ends: linear too."""
+    """Linear map from predicted states and both ends of a craft to flown states and controls."""
     T = problem.nodes
     unit = np.eye(6 * T + 12)
     states, initial, goal = np.split(unit, [6 * T, 6 * T + 6], axis=1)
@@ -202,7 +209,7 @@ def export(
             "these alone are exported."
         )
     outputs = ("states", "controls") if flown else ("states",)
-    module = OnBoard(architecture, model, flown=flown)
+    module = ExportedGraph(architecture, model, flown=flown)
     craft = n or max(2, min(TRACED, model.n_train - 1))
     free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
     ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
@@ -213,3 +220,83 @@ def export(
         checked = check(temporary, model, n, flown=flown)
         kib = temporary.stat().st_size / 1024
     return Exported(path, kib, flown, checked)
+
+
+# Files by torch's exporter, and how they are run on one core.
+
+
+def traced(
+    module: nn.Module,
+    examples: Mapping[str, Tensor],
+    outputs: Sequence[str],
+    dynamic: Sequence[Any],
+    name: str,
+) -> torch.onnx.ONNXProgram:
+    """The graph of a module by torch.export, traced with example inputs by name.
+
+    ``dynamic`` has the axes of each input that may have any length, and ``name`` is that of the
+    architecture, for messages. InputError where onnxscript is not installed. ProlearnError where
+    torch cannot trace the module.
+    """
+    with told_which_extra():
+        import onnxscript  # noqa: F401  (torch's exporter needs it)
+    try:
+        with _quiet(), torch.no_grad():
+            made = torch.onnx.export(
+                module.eval(),
+                tuple(examples.values()),
+                input_names=list(examples),
+                output_names=list(outputs),
+                dynamic_shapes=tuple(dynamic),
+                dynamo=True,
+                verbose=False,
+            )
+    except Exception as error:  # torch raises many kinds, some of them private
+        raise ProlearnError(
+            f"architecture {name!r} cannot be exported "
+            f"({str(error).strip().splitlines()[0]}); expected a forward pass that "
+            "torch.export.export can trace."
+        ) from error
+    assert made is not None, "the exporter that uses torch.export returns a program"
+    return made
+
+
+def write(made: torch.onnx.ONNXProgram, path: Path, axes: Axes, about: Mapping[str, Any]) -> None:
+    """Write the file, with named axes and a description in its metadata."""
+    import onnx
+
+    for node in made.model.graph.all_nodes():
+        node.metadata_props.clear()  # where in the source each node comes from
+    proto = made.model_proto
+    for value in (*proto.graph.input, *proto.graph.output):
+        for axis, name in zip(value.type.tensor_type.shape.dim, axes[value.name], strict=False):
+            if name is not None and axis.HasField("dim_param"):
+                axis.dim_param = name
+    onnx.helper.set_model_props(proto, {"prolearn": json.dumps(dict(about), sort_keys=True)})
+    onnx.checker.check_model(proto, full_check=True)
+    path.write_bytes(proto.SerializeToString())
+
+
+def open_session(path: Path) -> Any:
+    """An onnxruntime session on one core; InputError where that is not installed."""
+    with told_which_extra():
+        import onnxruntime
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # a swarm that it does not answer for is no event
+    return onnxruntime.InferenceSession(
+        path.read_bytes(), sess_options=options, providers=["CPUExecutionProvider"]
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence warnings of torch and its exporter about features that are not used here."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", category=Warning)
+            yield
+    finally:
+        logging.disable(before)

@@ -1,7 +1,8 @@
-"""Recipes for training: the paper's, one tuned on validation, and those of an architecture."""
+"""Names of architectures and recipes for training, without torch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from typing import Any
 
 from pipeline.errors import InputError, check_choice, check_range
@@ -11,12 +12,12 @@ MOST = 1_000_000  # of whatever a recipe counts: instances, passes, scenarios th
 CONSTANT, COSINE = "constant", "cosine"
 
 SCHEDULES = (CONSTANT, COSINE)
-"""How the learning rate goes on: as it is, or down to 0 along half a cosine."""
+"""Of the learning rate: constant, or cosine annealing to 0."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a network is trained; of what is 0 by default there is none."""
+    """Hyperparameters of a training; where the default is 0, that part is off."""
 
     name: str  # of RECIPES or the architecture's, or any other for one of your own
     target: str  # what the network answers: "states", or "offset" from the input's trajectories
@@ -25,19 +26,18 @@ class Recipe:
     learning_rate: float  # of Adam
     batch_size: int  # instances a step
     epochs: int  # most passes over the training data
-    patience: int = 5  # passes without a better validation score after which training ends
+    patience: int = 5  # early stopping: passes without a better validation score
     interior: str = "line"  # what stands in the input between initial and goal state
     collision_weight: float = 0.02  # weight of the collision penalty, in networks that have one
     schedule: str = CONSTANT  # of the learning rate over all epochs, of SCHEDULES
-    gradient_limit: float = 0.0  # norm to which longer gradients of a step are cut
-    # what the mean of the weights over the run, which is scored and kept, keeps of itself at a step
-    averaging: float = 0.0
+    gradient_limit: float = 0.0  # gradient clipping: largest norm of a step's gradient
+    averaging: float = 0.0  # decay of the moving average of weights, which is scored and kept
     draws: int = 0  # fresh scenarios an epoch, without plans, instead of the training split
     crowded: int = 0  # scenarios of the family dense, without plans, drawn once, beside the others
     options: Mapping[str, Any] = field(default_factory=dict)  # what only one architecture knows
 
     def __post_init__(self) -> None:
-        """Refuse what nothing can be trained with."""
+        """Refuse values out of range."""
         leasts = {"batch_size": 1, "epochs": 1, "patience": 1, "draws": 0, "crowded": 0}
         for name, least in leasts.items():
             check_range(name, getattr(self, name), least, MOST)
@@ -72,5 +72,25 @@ RECIPES: Mapping[str, Recipe] = {
 }
 """By name; an architecture may depart from them, or add its own (``Architecture.recipes``)."""
 
-REFINER = "refiner"
-"""Name of the architecture of prolearn's own; it stands here so that torch need not be loaded."""
+REFINER = "refiner"  # name of the architecture of prolearn's own
+ARCHITECTURES = "prolearn.architectures"  # group of the entry points that declare them
+
+
+def architecture_names() -> tuple[str, ...]:
+    """Names of all installed architectures, in alphabetical order."""
+    return tuple(sorted(entry_points(group=ARCHITECTURES).names))
+
+
+def distribution_of(name: str) -> str | None:
+    """The distribution that brings an architecture, where known; InputError for an unknown name."""
+    found = getattr(entry_point(name), "dist", None)
+    return None if found is None else str(found.name)
+
+
+def entry_point(name: str) -> Any:
+    """The entry point of an architecture; InputError, with the known names, for an unknown one."""
+    for found in entry_points(group=ARCHITECTURES):
+        if found.name == name:
+            return found
+    known = ", ".join(architecture_names()) or "none: install prolearn again"
+    raise InputError(f"architecture is {name!r}; expected one of those installed ({known}).")

@@ -1,4 +1,4 @@
-"""Architectures that learn the expert's trajectories: encoded states in, encoded states out."""
+"""Supervised learning of the expert's trajectories, from encoded to encoded states."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -48,20 +48,16 @@ def supervised_loss(
 
 
 class Supervised(ABC):
-    """An ``Architecture`` but for its network and the forward pass; the paper's six are such."""
+    """Base of the paper's six: an ``Architecture`` but for its network and forward pass."""
 
     collision: bool = False  # whether the loss has the collision penalty
     answers: ClassVar[Answer] = "states"  # which obey no dynamics
     objective: ClassVar[str] = "valid_position_rmse"  # from the expert's on validation data, m
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # changes of the recipes
 
     @property
     def config(self) -> Mapping[str, Any]:
         """No sizes."""
-        return {}
-
-    @property
-    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """No departures."""
         return {}
 
     @property
@@ -77,7 +73,7 @@ class Supervised(ABC):
     def forward(
         self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
     ) -> Float[Tensor, "b n T 6"]:
-        """The network's answer for any number of craft n ≥ 1.
+        """The network's output for any number of craft n ≥ 1.
 
         Both are float32, in the units of the encoding, with axes batch, craft, node and state
         component; in the input the first and last node of each craft hold its initial and goal
@@ -85,7 +81,7 @@ class Supervised(ABC):
         """
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
-        """What the network reads and what it should answer, in float32."""
+        """Inputs and targets in float32."""
         if swarms.states is None or swarms.states.isnan().any():
             raise InputError(
                 "the scenarios have no plans of the expert and the network learns from these; "
@@ -113,7 +109,7 @@ class Supervised(ABC):
     def answer(
         self, network: nn.Module, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n T 6"]:
-        """The states that the network's answer stands for."""
+        """States decoded from the network's output."""
         inputs = _inputs(swarms, encoding)
         output = self.forward(network, inputs.float(), encoding)
         return encoding.decode(output.double(), inputs)

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.expert.decoupled import LEFT_OUT, DecoupledOptima, decoupled_optima
+from pipeline.expert.batch import Batch
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
@@ -31,19 +31,19 @@ from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft, passed_at
 
-CORRECTIONS = 8  # steps at most; each leaves about the square of what was missed
-MET = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that no further step is worth, m and m/s
+MOST_CORRECTIONS = 8  # steps; each leaves about the square of what was missed
+GOAL_TOLERANCE = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that is left as it is, m and m/s
 LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corrections have the rest
-WIDER = 1.5  # times what was missing that a planner is asked to add, of separation or in corridors
-RISKY = 0.05  # separation beyond that a plan is worth whose risk is too large as flown, m
-DEAR = 1e-3  # fuel, as a share of the bound, that corrections may cost before it is planned again
-TRIES = 4  # plans that are asked for at most
+WIDENING = 1.5  # times the shortfall of separation or in corridors, asked for in the next plan
+RISK_WIDENING = 0.05  # more separation asked for where the risk is too large as flown, m
+MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound, before it is planned again
+MOST_PLANS = 4  # plans that are asked for
 
 PROOF = "{}, about the flight, to first order"
 
@@ -51,21 +51,10 @@ Waypoints = tuple[Waypoint, ...]
 
 
 @dataclass(frozen=True)
-class AsFlown:
+class AsFlown(PlannerWrapper):
     """A planner whose plans satisfy what is required in the nonlinear flight."""
 
-    planner: Planner
     orbit: ReferenceOrbit | None = None  # or that of each scenario
-
-    @property
-    def name(self) -> str:
-        """The planner's."""
-        return self.planner.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """The planner's."""
-        return self.planner.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, about the reference orbit."""
@@ -93,14 +82,14 @@ class AsFlown:
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
         """The plan as flown, planned again where it is not safe there, or burns too much."""
         started, planning, more = perf_counter(), linear.timing.get("plan", 0.0), np.zeros(2)
-        dear, solves = linear.certificate.optimality_gap + DEAR, linear.convex_solves
+        dear, solves = linear.certificate.optimality_gap + MOST_FUEL_ADDED, linear.convex_solves
         passed = _passed(linear)
         best = plan = _corrected(scenario, linear, self.requirements, passed)
-        for tried in range(TRIES - 1):
+        for tried in range(MOST_PLANS - 1):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear
             if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
                 break
-            more += WIDER * np.array([_missing(plan), _outside(plan)])
+            more += WIDENING * np.array([_missing(plan), _outside(plan)])
             linear = self._again(plan, linear, passed, more)
             solves += linear.convex_solves
             if linear.status == SOLVED:
@@ -130,7 +119,7 @@ class AsFlown:
 
 
 def _passed(linear: Plan) -> Waypoints:
-    """The waypoints of a linear plan, with the times at which it passes them; none if it does not.
+    """The waypoints of a linear plan, at the times when it passes them; none if it does not.
 
     As the plan of a baseline may not.
     """
@@ -143,7 +132,7 @@ def _passed(linear: Plan) -> Waypoints:
 
 
 def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenario:
-    """The scenario with goals and waypoints to which linear motion leads as a flight to these.
+    """The scenario with goals and waypoints shifted by what the linear model leaves out.
 
     As far as it leaves out of other flights what it leaves out of that one.
     """
@@ -172,7 +161,7 @@ Limited = TypeVar("Limited", Thrust, Spacecraft)
 
 
 def _less(given: Limited) -> Limited:
-    """The same with a little less of every limit, and larger burns where there is a least."""
+    """The same with slightly lower limits, and a slightly larger least burn."""
     share = {
         "max_acceleration": LIMIT_SHARE,
         "max_acceleration_norm": LIMIT_SHARE,
@@ -202,7 +191,7 @@ def _missing(plan: Plan) -> float:
         bounds[1] = radius + drift.clearance.min_clearance_bound
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
     if found.risk is not None and not found.risk.kept:
-        close.append(RISKY)
+        close.append(RISK_WIDENING)
     return max(close) + 1e-3 if close else 0.0
 
 
@@ -215,14 +204,14 @@ def _outside(plan: Plan) -> float:
 def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The plan of a linear plan's controls, corrected until they lead where they must in flight."""
+    """The plan of a linear plan's controls, corrected until the flight meets its goals."""
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     problem, initial, controls = scenario.problem, scenario.initial, linear.controls
     timed = replace(scenario, waypoints=passed)
     at, states = _arrivals(timed), nodes_in_world(initial, controls, problem)
-    for _ in range(CORRECTIONS):
+    for _ in range(MOST_CORRECTIONS):
         miss = at.missed(states)
-        if (np.abs(miss) <= np.tile(MET, len(at.nodes))).all():
+        if (np.abs(miss) <= np.tile(GOAL_TOLERANCE, len(at.nodes))).all():
             break
         controls = _changed(controls, miss, at, problem, scenario.limits)
         states = nodes_in_world(initial, controls, problem)
@@ -248,29 +237,23 @@ def _arrivals(scenario: Scenario) -> Arrivals:
 
 
 def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
-    """Controls with the bound of the linear programs about the flight, with such node states.
+    """Controls and node states of a flight, with the bound of linear programs about it.
 
     Where goals or times were chosen, the bound of all choices changes as this one's does.
     """
-    found, eased = linear.certificate, _eased(scenario)
-    optima = _optima(_as_linear(scenario, controls, states))
-    bound, proof = optima.bound()
-    proof += LEFT_OUT if scenario.unlike else ""
+    found, batch = linear.certificate, _batch(_as_linear(scenario, controls, states))
+    bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        change = bound - _optima(eased).bound()[0]
+        change = bound - _batch(_eased(scenario)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     timing = {"plan": linear.timing.get("plan", 0.0)}
-    least = 0.0
-    if scenario.problem.thrust.objective == "fair" and scenario.limits is not None:
-        least = optima.least_share(scenario.limits, scenario.problem.time_step)
-    proven = bound, PROOF.format(proof)
+    proven, least = (bound, PROOF.format(proof)), batch.least_share(batch.craft[0])
     return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
 
 
-def _optima(scenario: Scenario) -> DecoupledOptima:
-    """The decoupled optima of a scenario whose waypoints have times."""
-    ends = scenario.initial, scenario.goal, scenario.problem
-    return decoupled_optima(*ends, scenario.limits, _arrivals(scenario))
+def _batch(scenario: Scenario) -> Batch:
+    """A scenario whose waypoints have times, as the expert has it."""
+    return Batch([scenario], arrivals=_arrivals(scenario))
 
 
 def _changed(
@@ -280,7 +263,7 @@ def _changed(
     problem: Problem,
     limits: Limits | None,
 ) -> Controls:
-    """Controls that bring about a small change of where craft arrive, m and m/s, to first order.
+    """Controls corrected, to first order, for a small miss of where craft arrive, m and m/s.
 
     By least squares in the burns that are there and not at the limit; where those cannot, by least
     fuel, or, with limits of each craft, in all burns that may be.
@@ -300,7 +283,7 @@ def _changed(
 
 
 def _below(controls: Controls, limits: Limits) -> Bool[Array, "n intervals 3"]:
-    """Components of controls that are at no limit, so that they may grow a little."""
+    """Mask of control components below their limits."""
     most = LIMIT_SHARE**2 * np.stack([limits.component, limits.norm])[..., None, None]
     return (np.abs(controls) < most[0]) & (norm(controls)[..., None] < most[1])
 

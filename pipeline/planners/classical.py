@@ -1,5 +1,6 @@
 """Planners without a network: the expert, and baselines that plan each craft without the others."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -7,8 +8,7 @@ from pipeline.expert import Settings, solve_many
 from pipeline.expert.batch import Batch
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements
-from pipeline.planners.certified import certified
+from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, Made, Plan, Requirements, planned_all
 from pipeline.scenario import Scenario
 
 
@@ -58,3 +58,32 @@ BASELINES = (
     Baseline("minimum energy", _minimum_energy),
     Baseline("decoupled optimum", _decoupled),
 )
+
+
+def certified(
+    planner: str,
+    scenarios: Sequence[Scenario],
+    answer: Callable[[Batch], Controls],
+    requirements: Requirements,
+) -> list[Plan]:
+    """Plans and certificates from a planner's controls, INFEASIBLE where that is proven.
+
+    The answer is the controls of all their craft, one after the other, m/s², which meet the goals;
+    it is asked for once, and timed.
+    """
+    if not scenarios:
+        return []
+    started, batch = time.perf_counter(), Batch(scenarios)
+    controls = answer(batch)
+    timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
+    made = [
+        Made(
+            *(controls[craft], *batch.bound(k)), timing=timing, least_share=batch.least_share(craft)
+        )
+        for k, craft in enumerate(batch.craft)
+    ]
+    plans = planned_all(planner, scenarios, made, requirements)
+    return [
+        replace(plan, status=INFEASIBLE, message=why) if why else plan
+        for plan, why in zip(plans, batch.infeasible(), strict=True)
+    ]

@@ -10,19 +10,19 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.orbit.infeasibility import forced_goals
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, Requirements, gap_of
+from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, gap_of
 from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs, ranked
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 
-MOST = 16
+MOST_PLANNED = 16
 """Assignments that are planned at most, besides the given order.
 
 On 100 crowded validation scenarios of ten craft (family dense) the best of 1, 4, 8 and 16 is 1.51,
 1.19, 1.18 and 1.18 % above the bound, on 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 """
 
-DEAR = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
+LARGE_GAP = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
 # How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
@@ -30,7 +30,7 @@ IMPOSSIBLE = (
     "whichever goals they take, some craft cannot reach its own{} within {}, which is proven"
 )
 
-ADRIFT = (
+UNSAFE_DRIFT = (
     "whichever goals they take, a craft adrift comes within collision_radius of another after the "
     "plan, which is proven"
 )
@@ -39,7 +39,7 @@ TIMES = ("plan", "certificate")  # stages whose seconds are summed over all that
 
 
 @dataclass(frozen=True, eq=False)
-class GoalAssignment:
+class GoalAssignment(PlannerWrapper):
     """A planner whose craft may take each other's goals.
 
     It plans the assignment of least decoupled cost. Where that plan is not safe, or dear because
@@ -47,18 +47,7 @@ class GoalAssignment:
     their decoupled costs are less than that plan's, and keeps the cheapest safe one.
     """
 
-    planner: Planner
-    most: int = MOST  # assignments that are planned at most, besides the given order
-
-    @property
-    def name(self) -> str:
-        """The planner's; its plans hold the assignment."""
-        return self.planner.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """The planner's."""
-        return self.planner.requirements
+    most: int = MOST_PLANNED  # assignments that are planned at most, besides the given order
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.
@@ -98,7 +87,7 @@ class GoalAssignment:
 
 
 class _Candidates:
-    """The assignments of a scenario that are looked at, and the plans of those that were tried."""
+    """Candidate assignments of a scenario, and the plans of those that were tried."""
 
     def __init__(self, scenario: Scenario, costs: DecoupledCosts, most: int) -> None:
         self.scenario, self.costs, self.most = scenario, costs, most
@@ -138,7 +127,7 @@ class _Candidates:
             return []
         plan, craft = self.tried[self.first], range(self.scenario.n)
         least = plan.certificate.fuel if plan.status == SOLVED else np.inf
-        if self._gap(least, self.costs.of(self.first)) <= DEAR:
+        if self._gap(least, self.costs.of(self.first)) <= LARGE_GAP:
             return []
         asked = dict.fromkeys([*self.ranking[1:], self.given])
         return [
@@ -165,7 +154,7 @@ class _Candidates:
             way = " by its waypoints" if self.scenario.waypoints else ""
             return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(way, limits))
         if self.first is None:
-            plan = replace(plan, message=ADRIFT)
+            plan = replace(plan, message=UNSAFE_DRIFT)
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)

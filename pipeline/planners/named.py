@@ -1,4 +1,4 @@
-"""Planners that a person names and that need no store: expert, baselines, the packaged refiner."""
+"""Planners by name that need no registry: expert, baselines, the packaged refiner."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -37,7 +37,7 @@ def named_planner(
     if name not in NAMES:
         return None
     if name == REFINER:
-        from pipeline.networks.refiner.packaged import packaged
+        from pipeline.networks.refiner.model import packaged
         from pipeline.planners.network import NetworkPlanner
 
         if raw:

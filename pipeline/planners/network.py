@@ -15,8 +15,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
-from pipeline.planners.certified import certified, stacked_ends
-from pipeline.planners.planner import Planner
+from pipeline.planners.classical import certified
+from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 
 SAME = 1e-6  # relative difference in orbit or step that makes no other problem to a network
@@ -26,7 +26,7 @@ ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 
 @dataclass(frozen=True, eq=False)
 class NetworkPlanner:
-    """A model's plans, flyable whatever it answers: states are projected, controls corrected."""
+    """Plans by a network, made flyable: states are projected, controls corrected."""
 
     model: TrainedNetwork
     name: str  # what tables and plans call it
@@ -42,7 +42,8 @@ class NetworkPlanner:
         """
 
         def answer(batch: Batch) -> Float[Array, "n _ 3"]:
-            (initial, goal), problem, model = stacked_ends(batch), batch.problem, self.model
+            problem, model, shape = batch.problem, self.model, (len(scenarios), -1, 6)
+            initial, goal = batch.initial.reshape(shape), batch.goal.reshape(shape)
             if _other_field(model, problem) is not None:
                 model = model.on(problem)
             found = model.answer(initial, goal, problem.collision_radius)
@@ -56,21 +57,15 @@ class NetworkPlanner:
 
 
 @dataclass(frozen=True)
-class Seeded:
+class Seeded(PlannerWrapper):
     """The expert, seeded with the plans of another planner."""
 
-    planner: Planner  # where the seeds come from
     settings: Settings = field(default_factory=lambda: Settings(stop="first-safe"))  # of the expert
 
     @property
     def name(self) -> str:
         """Both planners."""
         return f"{self.planner.name} + expert"
-
-    @property
-    def requirements(self) -> Requirements:
-        """As of the planner that the seeds come from."""
-        return self.planner.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, safe wherever the expert finds one.
@@ -90,7 +85,7 @@ class Seeded:
 
 @dataclass(frozen=True, eq=False)
 class FallbackPlanner:
-    """A network, a convex solve from it, the expert: each where no plan was proven safe before."""
+    """A network, then one convex solve from it, then the expert, until a plan is proven safe."""
 
     network: NetworkPlanner
     settings: Settings = FIRST_SAFE  # of the expert where it comes to that

@@ -1,7 +1,7 @@
 """The planner protocol, and the identity of a planner."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 from pipeline.plan import Plan, Requirements
@@ -22,6 +22,23 @@ class Planner(Protocol):
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
+
+
+@dataclass(frozen=True)
+class PlannerWrapper:
+    """Base of planners that let another one plan, under its name and requirements."""
+
+    planner: Planner
+
+    @property
+    def name(self) -> str:
+        """The wrapped planner's."""
+        return self.planner.name
+
+    @property
+    def requirements(self) -> Requirements:
+        """The wrapped planner's."""
+        return self.planner.requirements
 
 
 def requiring(planner: Planner, requirements: Requirements) -> Planner:

@@ -1,15 +1,10 @@
-"""scenario.json (schema prolearn.scenario/1): read with an answer to every mistake, and written."""
+"""scenario.json (schema prolearn.scenario/1): reading, validation of fields, and writing."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import (
-    BaseModel,
-    Field,
-    model_validator,
-)
+from pydantic import BaseModel, Field, model_validator
 
 from pipeline.documents import DIALECT, document_from, read_document, write_document
 from pipeline.errors import InputError
@@ -17,15 +12,25 @@ from pipeline.files import stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.thrust import Objective, Thrust
-from pipeline.scenario.constraint_documents import (
+from pipeline.scenario.fields import (
+    NoBurn,
+    Positive,
+    Triple,
+    Whole,
+    given_fields,
+    one_of,
+    strict,
+)
+from pipeline.scenario.orbit_document import ANGLES, OrbitDocument, ReferenceDocument
+from pipeline.scenario.part_documents import (
     CorridorDocument,
+    End,
     ObstacleDocument,
     SpacecraftDocument,
     WaypointDocument,
+    count_of,
+    end_states,
 )
-from pipeline.scenario.fields import NoBurn, Positive, Triple, Whole, one_of, strict
-from pipeline.scenario.orbit_document import ANGLES, OrbitDocument, ReferenceDocument
-from pipeline.scenario.ring_document import End, RingsDocument, end_states
 from pipeline.scenario.scenario import Ends, Scenario
 from pipeline.scenario.validation import check
 
@@ -126,32 +131,32 @@ class ScenarioDocument(BaseModel):
     @property
     def n(self) -> int:
         """Number of spacecraft."""
-        end = self.initial
-        return end.n if isinstance(end, RingsDocument) else len(end)
+        return count_of(self.initial)
 
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
-        grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
         orbit = None if self.orbit is None else self.orbit.orbit()
         if orbit is not None:
             mean_motion = orbit.mean_motion
         else:
             mean_motion = self.mean_motion or mean_motion_at(self.altitude or 0.0)
-        problem = Problem(mean_motion, *grid, *limits, orbit, self._thrust())
-        initial = end_states(self.initial, problem)
-        goal = end_states(self.goal, problem.starting_at(problem.intervals))
+        grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
+        pointed = self.max_acceleration_norm, self.min_delta_v
+        thrust = Thrust(self.thrust, *pointed, self.no_burn, self.objective)
+        problem = Problem(mean_motion, *grid, *limits, orbit, thrust)
         where = None if self.reference is None else Reference(**self.reference.model_dump())
-        craft = tuple(one.craft() for one in self.craft)
-        waypoints = tuple(way for one in self.waypoints for way in one.waypoints(problem))
-        about: dict[str, Any] = {"name": name, "reference": where}
-        about |= {"craft": craft, "waypoints": waypoints}
-        about["obstacles"] = tuple(one.obstacle() for one in self.obstacles)
-        about["corridors"] = tuple(one.corridor() for one in self.corridors)
-        return Scenario(problem, initial, goal, ends=self.ends, **about)
-
-    def _thrust(self) -> Thrust:
-        limits = self.max_acceleration_norm, self.min_delta_v
-        return Thrust(self.thrust, *limits, self.no_burn, self.objective)
+        return Scenario(
+            problem,
+            end_states(self.initial, problem),
+            end_states(self.goal, problem.starting_at(problem.intervals)),
+            name=name,
+            reference=where,
+            ends=self.ends,
+            craft=tuple(one.craft() for one in self.craft),
+            waypoints=tuple(way for one in self.waypoints for way in one.waypoints(problem)),
+            obstacles=tuple(one.obstacle() for one in self.obstacles),
+            corridors=tuple(one.corridor() for one in self.corridors),
+        )
 
     def scenario_of(self, path: Path) -> Scenario:
         """The scenario, whose InputErrors name the file."""
@@ -186,27 +191,21 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
     if scenario.problem.orbit is not None:  # of which the mean motion follows
         del problem["mean_motion"]
         problem["orbit"] = OrbitDocument.of(scenario.problem.orbit).model_dump()
-    fields = {
+    parts = {
+        "ends": None if scenario.ends == "passive" else scenario.ends,
+        "craft": [given_fields(one) for one in scenario.craft],
+        "obstacles": [ObstacleDocument.of(one) for one in scenario.obstacles],
+        "corridors": [CorridorDocument.of(one) for one in scenario.corridors],
+        "waypoints": [given_fields(one) for one in scenario.waypoints],
+        "reference": scenario.reference and given_fields(scenario.reference),
+    }
+    return {
         "schema": SCHEMA,
         **problem,
         "initial": scenario.initial.tolist(),
         "goal": scenario.goal.tolist(),
+        **{name: part for name, part in parts.items() if part},
     }
-    if scenario.ends != "passive":
-        fields["ends"] = scenario.ends
-    if scenario.craft:
-        fields["craft"] = [SpacecraftDocument.of(one) for one in scenario.craft]
-    if scenario.obstacles:
-        fields["obstacles"] = [ObstacleDocument.of(one) for one in scenario.obstacles]
-    if scenario.corridors:
-        fields["corridors"] = [CorridorDocument.of(one) for one in scenario.corridors]
-    if scenario.waypoints:
-        passed = [asdict(one) for one in scenario.waypoints]
-        fields["waypoints"] = [{k: v for k, v in one.items() if v is not None} for one in passed]
-    if scenario.reference is None:
-        return fields
-    epoch = scenario.reference.epoch.isoformat().replace("+00:00", "Z")
-    return fields | {"reference": asdict(scenario.reference) | {"epoch": epoch}}
 
 
 def write_scenario(path: Path | str, scenario: Scenario) -> None:

@@ -5,15 +5,13 @@ whatever their seeds, sizes and shares. Both formations of every scenario are pa
 free drift over a whole orbit no pair comes within the collision radius. Draws that are not are
 drawn again from the same stream.
 
-A family is a generator of one scenario: it draws numbers, yields what is to be computed from them
-and is sent the answer. So scenarios are drawn side by side, and those that ask for the same are
-answered by one call on arrays.
+Scenarios are drawn side by side: formations of all of them are checked by one call on arrays, and
+those that are not safe are drawn again.
 """
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -44,9 +42,8 @@ Ends = tuple[Formation, Formation]
 Elements = Float[Array, "_ 5"]
 """Of craft on rings, a row each: a (m), tilt, phase, cross phase (rad) and offset (m)."""
 
-T = TypeVar("T")
-Drawing = Generator["_Asked", Any, T]
-"""A draw on its way to a value: it yields what it asks, and is sent the answers."""
+Formations = Float[Array, "_ _ 6"]
+"""A formation of each of several draws, m and m/s."""
 
 
 def check_family(family: str) -> None:
@@ -87,11 +84,9 @@ def draw_many(
     found, portion = [], max(1, MOST_PAIRS // (BESIDE * n**2))
     for first in range(0, len(which), portion):
         some = which[first : first + portion]
-        drawings = [
-            FAMILIES[family](_Draw(_stream(seed, n, k, split), n, problem.collision_radius))
-            for split, k in some
-        ]
-        for (split, k), (initial, goal) in zip(some, _drawn(drawings, problem), strict=True):
+        draws = [_Draw(_stream(seed, n, k, split), n) for split, k in some]
+        drawn = FAMILIES[family](draws, (problem, problem.starting_at(problem.intervals)))
+        for (split, k), (initial, goal) in zip(some, drawn, strict=True):
             name = scenario_id(family, seed, n, k, split)
             found.append(Scenario(problem, initial, goal, family, name))
     return found
@@ -103,97 +98,20 @@ def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
 
 
 def _stream(seed: int, n: int, index: int, split: str) -> np.random.Generator:
-    """The random numbers of a scenario."""
+    """The random generator of a scenario."""
     return np.random.default_rng([seed, n, index, SPLITS.index(split)])
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What a draw wants to know of one end's craft.
-
-    Attributes:
-        answer: the function that answers this of several draws at once.
-        rows: states or elements of the craft.
-        at_goal: whether the reference is at the last node, or at the first.
-        added: craft whose pairs alone are asked about, or None.
-    """
-
-    answer: "Callable[[Sequence[_Asked], Problem], Iterable[Any]]"
-    rows: Float[Array, "n _"]
-    at_goal: bool
-    added: Marked | None = None
-
-
-def _drawn(drawings: Sequence[Drawing[Ends]], problem: Problem) -> list[Ends]:
-    """Run draws side by side to their ends, questions of one kind answered together."""
-    problems = problem, problem.starting_at(problem.intervals)
-    ends: dict[int, Ends] = {}
-    asked: dict[int, _Asked] = {}
-
-    def go_on(k: int, answer: Any) -> None:
-        try:
-            asked[k] = drawings[k].send(answer)
-        except StopIteration as done:
-            ends[k] = done.value
-
-    for k in range(len(drawings)):
-        go_on(k, None)
-    while asked:
-        alike: dict[Any, list[int]] = {}
-        for k, one in asked.items():
-            alike.setdefault((one.answer, one.at_goal, len(one.rows)), []).append(k)
-        for (answer, at_goal, _), which in alike.items():
-            answers = answer([asked.pop(k) for k in which], problems[at_goal])
-            for k, one in zip(which, answers, strict=True):
-                go_on(k, one)
-    return [ends[k] for k in range(len(drawings))]
-
-
-def _states(asked: Sequence[_Asked], problem: Problem) -> list[Formation]:
-    """States of craft on rings, m and m/s."""
-    elements = np.concatenate([one.rows for one in asked])
-    return np.split(ring_states(problem, *elements.T), len(asked))
-
-
-def _safe(asked: Sequence[_Asked], problem: Problem) -> Bool[Array, "N"]:
-    """Whether pairs, or those of added craft, stay further apart than r_col in free drift."""
-    states, radius = np.stack([one.rows for one in asked]), problem.collision_radius
-    i, j = pairs(states.shape[1])
-    # Most unsafe draws are, from the start; the rest takes longer to see.
-    safe = (np.linalg.norm((states[:, i] - states[:, j])[..., :3], axis=-1) > radius).all(axis=1)
-    left = np.flatnonzero(safe)
-    if len(left):
-        swarms = side_by_side((states.shape[1],) * len(left))
-        marks = [one.added for k, one in enumerate(asked) if safe[k] and one.added is not None]
-        drift = free_drift(states[left].reshape(-1, 6), problem)
-        added = np.concatenate(marks) if marks else None
-        found = close_approaches(*drift, within=radius, swarms=swarms, moved=added)
-        safe[left[swarms.label[found.first]]] = False
-    return safe
-
-
-def _separations(asked: Sequence[_Asked], problem: Problem) -> Float[Array, "N"]:
-    """The least separation of each formation in free drift, m."""
-    return drift_separations(np.stack([one.rows for one in asked]), problem)
-
-
-@dataclass(frozen=True)
 class _Draw:
-    """A random stream, and the end of a swarm that it draws formations for."""
+    """The random stream of a scenario, and what is drawn of rings for its n craft."""
 
     rng: np.random.Generator
     n: int
-    radius: float  # collision radius, m
-    at_goal: bool = False
-
-    @property
-    def goal(self) -> "_Draw":
-        """The same where the reference is at the last node."""
-        return replace(self, at_goal=True)
 
     @property
     def growth(self) -> float:
-        """Factor of ring sizes."""
+        """Factor of ring sizes in swarms of more than DENSITY_N craft."""
         return max(1.0, self.n / DENSITY_N)
 
     def angle(self) -> float:
@@ -205,7 +123,7 @@ class _Draw:
         return self.rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / max(count, 1)
 
     def sizes(self, rings: int) -> list[int]:
-        """Numbers of craft of rings as equal as can be."""
+        """Craft of each of some rings, as equal as possible."""
         return [self.n // rings + (k < self.n % rings) for k in range(rings)]
 
     def ring_shape(self) -> tuple[float, float, float]:
@@ -213,35 +131,20 @@ class _Draw:
         a = self.growth * self.rng.uniform(*SEMI_MAJOR_AXIS)
         return a, self.rng.uniform(-TILT, TILT), self.angle()
 
-    def states(self, *rings: Elements) -> Drawing[Formation]:
-        """States of the craft of some rings, m and m/s."""
-        return (yield _Asked(_states, np.concatenate(rings), self.at_goal))
-
-    def rings(self) -> Drawing[Formation]:
+    def rings(self) -> Elements:
         """One or two random rings, with equal probability."""
         rings = []
         for count in self.sizes(int(self.rng.integers(1, 3))):
             a, tilt, cross = self.ring_shape()
             rings.append(_ring(a, tilt, self.slots(count), cross))
-        return (yield from self.states(*rings))
-
-    def is_safe(self, states: Formation, added: Marked | None = None) -> Drawing[bool]:
-        """Whether pairs, or those of ``added`` craft, stay further apart than r_col in drift."""
-        return bool((yield _Asked(_safe, states, self.at_goal, added)))
-
-    def ends(self, initial: "Make", goal: "Make", safe: "Safe | None" = None) -> Drawing[Ends]:
-        """Two formations, the goal's slots in random order."""
-        both = []
-        for make, draw in ((initial, self), (goal, self.goal)):
-            both.append(
-                (yield from _redrawn(partial(make, draw), partial(safe or _Draw.is_safe, draw)))
-            )
-        start, end = both
-        return start, self.rng.permutation(end)
+        return np.concatenate(rings)
 
 
-Make = Callable[[_Draw], Drawing[Formation]]
-Safe = Callable[[_Draw, Formation], Drawing[bool]]
+Draws = Sequence[_Draw]
+Make = Callable[[_Draw], Elements]
+Scale = Callable[[Formations, Problem], Formations]
+Safe = Callable[[Formations, Problem], Bool[Array, "b"]]
+Problems = tuple[Problem, Problem]  # with the reference where it is at the first and the last node
 
 
 def _ring(
@@ -254,116 +157,167 @@ def _ring(
     return elements
 
 
+def _states(elements: Sequence[Elements], problem: Problem) -> Formations:
+    """States of the craft of several draws, m and m/s."""
+    return ring_states(problem, *np.concatenate(elements).T).reshape(len(elements), -1, 6)
+
+
+def _safe(states: Formations, problem: Problem, added: Marked | None = None) -> Bool[Array, "b"]:
+    """Whether pairs, or those of added craft, stay further apart than r_col in free drift."""
+    n, radius = states.shape[1], problem.collision_radius
+    i, j = pairs(n)
+    # Most unsafe draws are, from the start; the rest takes longer to see.
+    safe = (np.linalg.norm((states[:, i] - states[:, j])[..., :3], axis=-1) > radius).all(axis=1)
+    left = np.flatnonzero(safe)
+    if len(left):
+        swarms = side_by_side((n,) * len(left))
+        drift = free_drift(states[left].reshape(-1, 6), problem)
+        moved = None if added is None else np.tile(added, len(left))
+        found = close_approaches(*drift, within=radius, swarms=swarms, moved=moved)
+        safe[left[swarms.label[found.first]]] = False
+    return safe
+
+
 def _redrawn(
-    make: Callable[[], Drawing[Formation]], safe: Callable[[Formation], Drawing[bool]]
-) -> Drawing[Formation]:
-    """The first formation that is safe."""
+    count: int, make: Callable[[list[int]], Formations], safe: Callable[[Formations], Marked]
+) -> Formations:
+    """The first formation of each draw that is safe; ``make`` draws those of some of them."""
+    found: dict[int, Formation] = {}
     for _ in range(REDRAWS):
-        states = yield from make()
-        if (yield from safe(states)):
-            return states
+        states = make(left := [k for k in range(count) if k not in found])
+        found |= {left[k]: states[k] for k in np.flatnonzero(safe(states))}
+        if len(found) == count:
+            return np.stack([found[k] for k in range(count)])
     raise InputError(
         f"no passively safe formation was found in {REDRAWS} draws; expected fewer spacecraft or "
         "a smaller collision_radius, so that they fit."
     )
 
 
-def _rings(draw: _Draw) -> Drawing[Ends]:
+def _both_ends(
+    draws: Draws,
+    problems: Problems,
+    initial: Make,
+    goal: Make,
+    scaled: Scale | None = None,
+    safe: Safe = _safe,
+) -> list[Ends]:
+    """Two formations of each draw, the goal's slots in random order."""
+
+    def formations(elements: Make, problem: Problem) -> Formations:
+        def make(left: list[int]) -> Formations:
+            states = _states([elements(draws[k]) for k in left], problem)
+            return states if scaled is None else scaled(states, problem)
+
+        return _redrawn(len(draws), make, lambda states: safe(states, problem))
+
+    start, end = map(formations, (initial, goal), problems)
+    return [(start[k], draw.rng.permutation(end[k])) for k, draw in enumerate(draws)]
+
+
+def _rings(draws: Draws, problems: Problems) -> list[Ends]:
     """One or two random rings at each end, goal slots in random order (the default)."""
-    return draw.ends(_Draw.rings, _Draw.rings)
+    return _both_ends(draws, problems, _Draw.rings, _Draw.rings)
 
 
-def _dense(draw: _Draw) -> Drawing[Ends]:
+def _dense(draws: Draws, problems: Problems) -> list[Ends]:
     """Rings as small as passive safety lets them be, goal slots in random order."""
+    n, radius = draws[0].n, problems[0].collision_radius
 
-    def formation(draw: _Draw) -> Drawing[Formation]:
-        states = yield from draw.rings()
-        if draw.n == 1:  # of the size of the collision radius
-            return states * draw.radius / np.abs(states[:, :3]).max()
+    def scaled(states: Formations, problem: Problem) -> Formations:
+        if n == 1:  # of the size of the collision radius
+            return states * radius / np.abs(states[..., :3]).max(axis=(1, 2), keepdims=True)
         # Free drift is linear, so separation grows and shrinks with the formation.
-        apart = float((yield _Asked(_separations, states, draw.at_goal)))
-        return states * DENSE * draw.radius / max(apart, 1e-9)
+        apart = np.maximum(drift_separations(states, problem), 1e-9)
+        return states * DENSE * radius / apart[:, None, None]
 
-    def safe(draw: _Draw, states: Formation) -> Drawing[bool]:
-        most = CROWDED * draw.radius * np.sqrt(draw.n)
-        return np.abs(states[:, :3]).max() <= most and (yield from draw.is_safe(states))
+    def safe(states: Formations, problem: Problem) -> Bool[Array, "b"]:
+        fine = np.abs(states[..., :3]).max(axis=(1, 2)) <= CROWDED * radius * np.sqrt(n)
+        fine[fine] = _safe(states[fine], problem)
+        return fine
 
-    return draw.ends(formation, formation, safe)
+    return _both_ends(draws, problems, _Draw.rings, _Draw.rings, scaled, safe)
 
 
-def _split(draw: _Draw, sizes: tuple[float, float], tilts: tuple[float, float]) -> Drawing[Ends]:
+def _split(
+    draws: Draws, problems: Problems, sizes: tuple[float, float], tilts: tuple[float, float]
+) -> list[Ends]:
     """The paper's Figure 1: a flat 200 m ring to two rings of half the craft each."""
-    growth = draw.growth
 
-    def ring(draw: _Draw) -> Drawing[Formation]:
-        return draw.states(_ring(200.0 * growth, 0.0, draw.slots(draw.n)))
+    def ring(draw: _Draw) -> Elements:
+        return _ring(200.0 * draw.growth, 0.0, draw.slots(draw.n))
 
-    def halves(draw: _Draw) -> Drawing[Formation]:
+    def halves(draw: _Draw) -> Elements:
         cross = draw.angle()
         both = zip(draw.sizes(2), sizes, tilts, strict=True)
-        rings = [_ring(a * growth, tilt, draw.slots(m), cross) for m, a, tilt in both]
-        return draw.states(*rings)
+        rings = [_ring(a * draw.growth, tilt, draw.slots(m), cross) for m, a, tilt in both]
+        return np.concatenate(rings)
 
-    return draw.ends(ring, halves)
+    return _both_ends(draws, problems, ring, halves)
 
 
-def _coplanar_split(draw: _Draw) -> Drawing[Ends]:
+def _coplanar_split(draws: Draws, problems: Problems) -> list[Ends]:
     """A 200 m ring to rings of 100 m and 300 m in the same plane (Figure 1, left)."""
-    return _split(draw, (100.0, 300.0), (0.0, 0.0))
+    return _split(draws, problems, (100.0, 300.0), (0.0, 0.0))
 
 
-def _tilt_split(draw: _Draw) -> Drawing[Ends]:
+def _tilt_split(draws: Draws, problems: Problems) -> list[Ends]:
     """A 200 m ring to two such rings slanted by ±45° (Figure 1, right)."""
-    return _split(draw, (200.0, 200.0), (TILT, -TILT))
+    return _split(draws, problems, (200.0, 200.0), (TILT, -TILT))
 
 
-def _independent(draw: _Draw) -> Drawing[Ends]:
+def _independent(draws: Draws, problems: Problems) -> list[Ends]:
     """Each craft on a random PRO of its own, with an along-track offset of its own."""
-    rng, growth = draw.rng, draw.growth
 
-    def craft(draw: _Draw) -> Drawing[Formation]:
+    def craft(draw: _Draw) -> Elements:
+        rng, growth = draw.rng, draw.growth
         a = growth * rng.uniform(*SEMI_MAJOR_AXIS)
         offset = growth * rng.uniform(-SEMI_MAJOR_AXIS[1], SEMI_MAJOR_AXIS[1])
         tilt, phase = rng.uniform(-TILT, TILT), np.array([draw.angle()])
-        return draw.states(_ring(a, tilt, phase, draw.angle(), offset))
+        return _ring(a, tilt, phase, draw.angle(), offset)
 
-    def formation(draw: _Draw) -> Drawing[Formation]:
-        placed = yield from craft(draw)
-        while len(placed) < draw.n:
-            one = yield from _redrawn(partial(craft, draw), partial(clear_of, draw, placed))
-            placed = np.concatenate([placed, one])
-        return placed
+    def with_one(states: Formations, problem: Problem, left: list[int]) -> Formations:
+        return np.hstack([states[left], _states([craft(draws[k]) for k in left], problem)])
 
-    def clear_of(draw: _Draw, placed: Formation, one: Float[Array, "1 6"]) -> Drawing[bool]:
-        added = np.arange(len(placed) + 1) == len(placed)
-        return draw.is_safe(np.concatenate([placed, one]), added)
+    def formations(problem: Problem) -> Formations:
+        states = _states([craft(draw) for draw in draws], problem)
+        while (placed := states.shape[1]) < draws[0].n:
+            added = np.arange(placed + 1) == placed
+            safe = partial(_safe, problem=problem, added=added)
+            states = _redrawn(len(draws), partial(with_one, states, problem), safe)
+        return states
 
-    return (yield from formation(draw)), (yield from formation(draw.goal))
+    return [*zip(*map(formations, problems), strict=True)]
 
 
-def _rotation(draw: _Draw) -> Drawing[Ends]:
+def _rotation(draws: Draws, problems: Problems) -> list[Ends]:
     """The same ring at both ends, with its slots shifted or in reversed order."""
-    rng, n = draw.rng, draw.n
+    n = draws[0].n
 
-    def ends() -> Drawing[Formation]:
+    def rings(draw: _Draw) -> list[Elements]:
         a, tilt, cross = draw.ring_shape()
-        rings = [(one, _ring(a, tilt, one.slots(n), cross)) for one in (draw, draw.goal)]
-        both = []
-        for one, ring in rings:
-            both.append((yield from one.states(ring)))
-        return np.concatenate(both)
+        return [_ring(a, tilt, draw.slots(n), cross) for _ in problems]
 
-    def safe(both: Formation) -> Drawing[bool]:
-        return (yield from draw.is_safe(both[:n])) and (yield from draw.goal.is_safe(both[n:]))
+    def ends(left: list[int]) -> Formations:
+        both = zip(*[rings(draws[k]) for k in left], strict=True)
+        return np.hstack([*map(_states, both, problems)])
 
-    initial, goal = np.split((yield from _redrawn(ends, safe)), 2)
-    if rng.random() < 0.5:
-        return initial, np.roll(goal, int(rng.integers(1, max(n, 2))), axis=0)
-    return initial, goal[::-1].copy()
+    def safe(both: Formations) -> Marked:
+        fine = _safe(both[:, :n], problems[0])
+        fine[fine] = _safe(both[fine, n:], problems[1])
+        return fine
+
+    def turned(draw: _Draw, goal: Formation) -> Formation:
+        if draw.rng.random() < 0.5:
+            return np.roll(goal, int(draw.rng.integers(1, max(n, 2))), axis=0)
+        return goal[::-1].copy()
+
+    found = _redrawn(len(draws), ends, safe)
+    return [(one[:n], turned(draw, one[n:])) for draw, one in zip(draws, found, strict=True)]
 
 
 # Whose docstrings dataset cards show
-FAMILIES: dict[str, Callable[[_Draw], Drawing[Ends]]] = {
+FAMILIES: dict[str, Callable[[Draws, Problems], list[Ends]]] = {
     "rings": _rings,
     "coplanar-split": _coplanar_split,
     "tilt-split": _tilt_split,

@@ -1,15 +1,17 @@
-"""Types of fields in scenario files, refused in a sentence where they are not what they must be."""
+"""Field types of scenario files, and their validators."""
 
+from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic_core import to_jsonable_python
 
 YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
 
 
 def one_of(**fields: str) -> dict[str, Any]:
-    """JSON Schema's condition that of some fields with their types there is exactly one."""
+    """JSON Schema's condition that exactly one of some fields, with their types, is given."""
     forms = [
         {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
     ]
@@ -17,19 +19,25 @@ def one_of(**fields: str) -> dict[str, Any]:
 
 
 def strict(more: dict[str, Any] | None = None) -> ConfigDict:
-    """Pydantic's settings: no unknown keys, and perhaps a condition for the schema."""
+    """Pydantic's settings: unknown keys are refused; ``more`` is added to the JSON Schema."""
     return ConfigDict(extra="forbid", frozen=True, json_schema_extra=more)
 
 
 def number(given: Any) -> Any:
-    """Refuse what only looks like a number: a text in quotes, true and false."""
+    """Refuse text and booleans where a number is expected."""
     if isinstance(given, str | bool):
         raise ValueError("expected a number, without quotes")
     return given
 
 
+def given_fields(value: Any) -> dict[str, Any]:
+    """The fields of a dataclass that are not at their defaults, as JSON values."""
+    every = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
+    return {name: to_jsonable_python(one) for name, (one, usual) in every.items() if one != usual}
+
+
 def utc(given: Any) -> datetime:
-    """The UTC of an epoch as files have it; ValueError for one without a zone."""
+    """The time, UTC, of an ISO 8601 text; ValueError for one without a zone."""
     try:
         epoch = datetime.fromisoformat(given)
     except (TypeError, ValueError):

@@ -1,24 +1,194 @@
-"""Scenarios from inertial states: their reference orbit, and where craft are relative to it."""
+"""Scenarios from files of inertial states: ephemerides (OEM), tables of states or of elements."""
 
-from dataclasses import replace
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from datetime import datetime
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from pipeline.arrays import Array
+from pipeline.documents import MOST_BYTES, parsed
 from pipeline.errors import InputError
+from pipeline.files import read_bytes
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import Reference
+from pipeline.orbit.reference import HIGHEST, R_EARTH, Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.scenario.document import document_of, scenario_from
+from pipeline.scenario.oem import FIRST_LINE, LARGEST, Ephemeris, ephemeris_from
 from pipeline.scenario.orbit_document import ANGLES
-from pipeline.scenario.scenario import Scenario
-from pipeline.scenario.state_files import Inertial, check_frames
+from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 from pipeline.scenario.validation import drifts
+from pipeline.text import visible
 
 EXACT = 1e-6  # m, and in m/s a thousandth of it: most that states turned back may be off
+METRES = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
+KILOMETRES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
+ELEMENTS = (
+    "semi_major_axis",
+    "eccentricity",
+    "inclination_deg",
+    "raan_deg",
+    "argument_of_perigee_deg",
+    "argument_of_latitude_deg",
+)
+LABEL = "craft"  # a column that may be there and is not read
+COLUMNS = " or ".join(",".join(columns) for columns in (METRES, KILOMETRES, ELEMENTS))
+WHAT = "a folder of OEM files, one of these, or a table (CSV or JSON) of states or elements"
+MORE = "..."  # for values beyond the columns
+TABLE_FRAME = "EME2000"
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """Inertial states of some craft: of ephemerides at any time, of a table at one."""
+
+    name: str  # of the file or folder
+    frame: str
+    craft: tuple[Ephemeris, ...] | Formation
+
+    @property
+    def start(self) -> datetime | None:
+        """The first time at which all craft have a state, where times are known."""
+        return max(one.start for one in self.craft) if isinstance(self.craft, tuple) else None
+
+    def states(self, epoch: datetime | None, seconds: float) -> Formation:
+        """States so many seconds after an epoch, m and m/s; those of a table whenever that is."""
+        if not isinstance(self.craft, tuple):
+            found = self.craft
+        elif epoch is None:
+            raise InputError(
+                f"{self.name} has states over time; expected to know when the first node is: give "
+                "--epoch."
+            )
+        else:
+            found = np.array([one.state_at(epoch, seconds) for one in self.craft])
+        radius = np.linalg.norm(found[:, :3], axis=1)
+        for k in np.flatnonzero((radius < R_EARTH) | (radius > R_EARTH + HIGHEST)):
+            raise InputError(
+                f"{self.name} has craft {k} {radius[k] / 1e3:.6g} km from the Earth's centre; "
+                f"expected {R_EARTH / 1e3:g} to {(R_EARTH + HIGHEST) / 1e3:g} km: is its unit the "
+                "one that the file names?"
+            )
+        return found
+
+
+def read_inertial(path: Path) -> Inertial:
+    """The states in a folder of OEM files, in one of these or in a table.
+
+    Craft of a folder are in the order of the files' names, numbers in these by their value.
+
+    Raises:
+        InputError: naming the file and what is wrong with it.
+    """
+    if not path.is_dir():
+        text = _text(path)
+        if text.lstrip().startswith(FIRST_LINE):
+            return _of([ephemeris_from(text, str(path))], path)
+        return Inertial(str(path), TABLE_FRAME, _table(text, str(path)))
+    files = sorted(path.glob("*.oem"), key=_by_number)
+    if not 1 <= len(files) <= MOST_CRAFT:
+        raise InputError(
+            f"{path} has {len(files)} files whose names end in .oem; expected 1 to {MOST_CRAFT}."
+        )
+    return _of([ephemeris_from(_text(file), str(file)) for file in files], path)
+
+
+def _of(found: Sequence[Ephemeris], path: Path) -> Inertial:
+    check_frames(found)
+    return Inertial(str(path), found[0].frame, tuple(found))
+
+
+def check_frames(given: Sequence[Inertial | Ephemeris]) -> None:
+    """Refuse states in several frames, which differ by up to a metre."""
+    frames = {one.frame: one.name for one in given}
+    if len(frames) > 1:
+        several = " and ".join(f"{name} in {frame}" for frame, name in frames.items())
+        raise InputError(f"there are states of {several}; expected one frame for all.")
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    return [
+        (int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", path.name)
+    ]
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read ({error}); expected {WHAT}.") from error
+
+
+def _table(text: str, name: str) -> Formation:
+    """The states of a table, m and m/s."""
+    rows = _json_rows(text, name) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, name)
+    if not 1 <= len(rows) <= MOST_CRAFT:
+        raise InputError(f"{name} has {len(rows)} rows; expected {WHAT}, of 1 to {MOST_CRAFT}.")
+    given = {column for column in rows[0] if column not in (LABEL, MORE)}
+    columns = next((one for one in (METRES, KILOMETRES, ELEMENTS) if given == {*one}), None)
+    if columns is None:
+        shown = visible(",".join(map(str, rows[0])))[:200]
+        raise InputError(f"{name} has the columns {shown}; expected {COLUMNS}.")
+    made = [_state(row, columns, f"{name}: row {k + 1}") for k, row in enumerate(rows)]
+    return np.array(made)
+
+
+def _csv_rows(text: str, name: str) -> list[dict[str, Any]]:
+    """Rows by column, with numbers parsed; lines that begin with # are comments."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    header = next(csv.reader(lines[:1]), [])
+    names = [column.strip() for column in header]
+    if len({*names}) < len(names):
+        raise InputError(f"{name} has a column twice; expected each once.")
+    try:
+        rows = [*csv.DictReader(lines[1:], names, restkey=MORE, restval="")]
+    except csv.Error as error:
+        raise InputError(f"{name} is not CSV: {error}; expected {WHAT}.") from error
+    return [{column: _number(value) for column, value in row.items()} for row in rows]
+
+
+def _number(text: Any) -> Any:
+    with suppress(ValueError, TypeError):
+        return float(text)
+    return text
+
+
+def _json_rows(text: str, name: str) -> list[dict[str, Any]]:
+    try:
+        rows = parsed(text.encode())
+    except ValueError as error:
+        raise InputError(f"{name} is not JSON: {error}; expected {WHAT}.") from error
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{name} is no list of objects; expected one for each craft, in [].")
+    return rows
+
+
+def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Sequence[float]:
+    """The state of a row, m and m/s."""
+    if {*row} - {LABEL} != {*columns}:
+        raise InputError(f"{where} has {len(row)} values; expected {','.join(columns)}.")
+    for column in columns:
+        value = row[column]
+        of_numbers = isinstance(value, int | float) and not isinstance(value, bool)
+        if not of_numbers or not abs(value) < LARGEST:
+            shown = visible(repr(value))[:60]
+            raise InputError(f"{where} has {column} {shown}; expected a number.")
+    numbers = np.array([row[column] for column in columns], dtype=float)
+    if columns == ELEMENTS:
+        try:
+            orbit = ReferenceOrbit(*numbers.tolist())
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
+        numbers = orbit.states(np.zeros(1))[0]
+    found: list[float] = (numbers * (1e3 if columns == KILOMETRES else 1.0)).tolist()
+    return found
 
 
 def scenario_from_inertial(
@@ -69,7 +239,7 @@ def scenario_from_inertial(
 
 
 def _only(states: Formation, name: str) -> Float[Array, "6"]:
-    """The state of the one craft there is."""
+    """The state of the chief, the only craft of its file."""
     if len(states) != 1:
         raise InputError(f"{name} has {len(states)} craft; expected one, the chief.")
     return np.asarray(states[0])

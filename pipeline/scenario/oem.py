@@ -1,4 +1,4 @@
-"""Orbit ephemeris messages (OEM, CCSDS 502.0-B) in keyword = value notation, read as states."""
+"""Reader of orbit ephemeris messages (OEM, CCSDS 502.0-B) in keyword = value notation."""
 
 import re
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _COVARIANCE = re.compile(r"^COVARIANCE_START$.*?^COVARIANCE_STOP$", re.DOTALL | 
 
 @dataclass(frozen=True)
 class Epoch:
-    """A time, UTC, finer than microseconds."""
+    """A UTC time with a resolution finer than microseconds."""
 
     second: datetime  # whole
     fraction: float  # s
@@ -40,7 +40,7 @@ class Epoch:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """States between which an interpolation holds."""
+    """A segment of an ephemeris: states, and how to interpolate between them."""
 
     base: datetime  # that times are counted from
     times: Float[Array, "q"]  # ascending, s
@@ -70,7 +70,7 @@ class Segment:
         return self._interpolated(chosen, time)
 
     def _interpolated(self, chosen: slice, time: float) -> Float[Array, "6"]:
-        """By the polynomial through some of the states, in a time that is of order one."""
+        """Interpolation by the polynomial through some of the states, in scaled time."""
         unit = self.times[chosen][-1] - self.times[chosen][0]
         at, states = (self.times[chosen] - time) / unit, self.states[chosen]
         if self.method != "HERMITE":
@@ -186,7 +186,7 @@ def _time(keywords: dict[str, str], keyword: str, base: datetime, otherwise: flo
 
 
 def _interpolation(keywords: dict[str, str]) -> tuple[str | None, int]:
-    """Method and degree."""
+    """Method and degree of interpolation."""
     method = keywords.get("INTERPOLATION", "").upper()
     if not method:
         return None, 0

@@ -122,7 +122,7 @@ class Scenario:
 
     @cached_property
     def limits(self) -> Limits | None:
-        """What the thrusters of each craft can do; None where max_acceleration is all of it.
+        """Thrust limits of each craft; None where max_acceleration is the only one.
 
         With waypoints, too, plans are made by programs that know such limits.
         """
@@ -136,7 +136,7 @@ class Scenario:
 
     @property
     def unlike(self) -> bool:
-        """Whether collision_radius is not all that positions must keep."""
+        """Whether positions must keep more than collision_radius: sizes, or corridors."""
         return self.sized or bool(self.corridors)
 
     def outside(self) -> Iterator[tuple[str, int, int, float]]:
@@ -162,14 +162,11 @@ class Scenario:
 
     def named(self, i: int, j: int) -> str:
         """Two participants in words, of which those beyond the craft are obstacles."""
-        return (
-            f"craft {i} and {j}"
-            if j < self.n
-            else f"craft {i} and {self.obstacles[j - self.n].name}"
-        )
+        other = str(j) if j < self.n else self.obstacles[j - self.n].name
+        return f"craft {i} and {other}"
 
     def wanted(self, i: int, j: int) -> str:
-        """What two participants must keep apart, in words."""
+        """The separation that two participants must keep, in words."""
         if not self.sized:
             return f"collision_radius is {self.problem.collision_radius:g} m"
         own = f"craft {i} has a radius of {self.radii[i]:g} m"
@@ -178,26 +175,23 @@ class Scenario:
         return f"{own}, {self.obstacles[j - self.n]}"
 
     def wider(self, by: float, inside: float = 0.0) -> "Scenario":
-        """The scenario with so much more separation of all pairs, and in corridors, m."""
-        problem = replace(self.problem, collision_radius=self.problem.collision_radius + by)
-        craft = [
-            one if one.radius is None else replace(one, radius=one.radius + by / 2)
-            for one in self.craft
-        ]
-        obstacles = tuple(one.wider(by / 2) for one in self.obstacles)
-        corridors = tuple(
-            replace(one, inside=one.inside.narrower(inside)) for one in self.corridors
-        )
+        """The scenario with separation increased and corridors narrowed, m."""
+        problem, craft = self.problem, self.craft
         return replace(
             self,
-            problem=problem,
-            craft=tuple(craft),
-            obstacles=obstacles,
-            corridors=corridors,
+            problem=replace(problem, collision_radius=problem.collision_radius + by),
+            craft=tuple(
+                one if one.radius is None else replace(one, radius=one.radius + by / 2)
+                for one in craft
+            ),
+            obstacles=tuple(one.wider(by / 2) for one in self.obstacles),
+            corridors=tuple(
+                replace(one, inside=one.inside.narrower(inside)) for one in self.corridors
+            ),
         )
 
     def taking(self, slots: Sequence[int]) -> "Scenario":
-        """The scenario in which each craft goes to the goal of that number here."""
+        """The scenario with goals assigned to craft in the order of ``slots``."""
         return replace(self, goal=self.goal[list(slots)])
 
 

@@ -1,4 +1,4 @@
-"""Craft of a swarm that are not all alike: mass, thrust, and what they have left to burn."""
+"""Properties of single craft: mass, radius, thrust limits, and Δv left."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,13 +44,13 @@ class Spacecraft:
 
     @property
     def limited(self) -> bool:
-        """Whether what it may burn is not that of every craft."""
+        """Whether it has thrust or Δv limits of its own."""
         own = self.max_acceleration, self.max_acceleration_norm, self.delta_v, self.no_burn or None
         return any(one is not None for one in own)
 
 
 def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
-    """What the thrusters of n craft can do; no craft are named where all are alike."""
+    """Thrust limits of n craft; ``craft`` is empty where all are alike."""
     thrust = problem.thrust
     both = problem.max_acceleration, thrust.max_acceleration_norm
     component, norm = (np.full(n, np.inf if one is None else one) for one in both)
@@ -67,7 +67,7 @@ def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
 
 
 def check_craft(craft: Sequence[Spacecraft], n: int, thrust: Thrust) -> None:
-    """Refuse a list of craft that is not of all craft, or lacks what is asked of each."""
+    """Refuse a list of craft of the wrong length, or without a delta_v where fair asks for it."""
     if craft and len(craft) != n:
         raise InputError(
             f"craft has {len(craft)} entries and there are {n} spacecraft; expected one of each."

@@ -1,4 +1,4 @@
-"""What the thrusters of each craft are short of, proven for each craft on its own."""
+"""Least thrust and Δv that each craft needs, and where its limits are too low."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ TIME = "give more time by time_step or nodes"
 
 @dataclass(frozen=True)
 class Shortfall:
-    """What one craft has too little of."""
+    """A limit of one craft that is too low."""
 
     craft: int
     text: str  # what, and by how much
@@ -31,7 +31,7 @@ class Shortfall:
 
 @dataclass(frozen=True)
 class Needs:
-    """What craft need at least of what they have, as shares of it; infinite is too much."""
+    """Least limits and Δv with which each craft can make its transfer; infinite if none can."""
 
     limit: Float[Array, "n"]  # of the limit on components or thrusters, m/s²
     norm: Float[Array, "n"]  # of the limit on the norm
@@ -63,7 +63,7 @@ def needs_of(scenario: Scenario, limits: Limits) -> Needs:
 
 
 def shortfalls(scenario: Scenario, limits: Limits, needs: Needs) -> Iterator[Shortfall]:
-    """All that craft have too little of, each the first of its kinds that is."""
+    """The limits of craft that are too low: the first of each craft."""
     problem = scenario.problem
     for k in range(scenario.n):
         if np.isinf(needs.limit[k]):
@@ -120,7 +120,7 @@ def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Shortfall
 
 
 def most_strained(limits: Limits, needs: Needs) -> str:
-    """Of each kind of limit the craft that needs most of it."""
+    """For each kind of limit, the craft that needs the largest share of it, in words."""
     said = []
     for name, need, most in (
         ("max_acceleration", needs.limit, limits.component),
@@ -138,6 +138,6 @@ def most_strained(limits: Limits, needs: Needs) -> str:
 
 
 def down(value: float) -> str:
-    """A number of four digits that is no more than the value."""
+    """The value rounded down to four digits."""
     unit = 10.0 ** (floor(log10(value)) - 3)
     return f"{floor(value / unit * (1 - MARGIN)) * unit:.4g}"

@@ -1,4 +1,4 @@
-"""Validation of a scenario: every fault with its size, and what is fine, in words."""
+"""Validation of a scenario by rules: each fault with its size, or that there is none."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -61,7 +61,7 @@ class Diagnostic:
 
 
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
-    """All that is wrong with a scenario, and what is fine."""
+    """The outcome of every rule: all that is wrong with a scenario, and what is fine."""
     rules = (partial(_apart, scenario), _matched, partial(_passive, scenario))
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
     if scenario.ends == "any":
@@ -89,7 +89,7 @@ def _inside(scenario: Scenario) -> Diagnostic:
 
 
 def _meant(found: Diagnostic) -> Diagnostic:
-    """The outcome where craft are meant to drift."""
+    """The outcome without faults where craft are meant to drift."""
     if found.rule != MATCHED or found.fine:
         return found
     most = max(abs(case.numbers["drift_per_orbit"]) for case in found.cases)
@@ -155,13 +155,13 @@ def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
 
 
 def _within(scenario: Scenario) -> str:
-    """What is too close, in words, and what cures it."""
+    """The distance within which a pair is too close, in words."""
     radius = scenario.problem.collision_radius
     return "what their sizes ask for" if scenario.sized else f"collision_radius, {radius:g} m"
 
 
 def _smaller(scenario: Scenario) -> str:
-    """What lets participants be as close as they are."""
+    """What would allow participants to be so close, in words."""
     return "make them smaller" if scenario.sized else "lower collision_radius"
 
 
@@ -355,7 +355,7 @@ def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:
 
 
 def linear_error(states: AnyState, problem: Problem) -> ModelError:
-    """What the linear model leaves out of a transfer between or by such states, estimated, m."""
+    """Estimated error of the linear model for a transfer between or through such states, m."""
     found = model_error(states, problem.dynamics.fastest, problem.duration)
     # About a reference orbit J2 is in the linear model, where there is any.
     return found if problem.orbit is None else replace(found, oblateness=0.0)

@@ -1,1 +1,1 @@
-"""Training: what is learnt from, and the loop that turns it into models."""
+"""Training: the examples, the loop, and the search for better recipes."""

@@ -1,4 +1,4 @@
-"""What is learned from: scenarios of a dataset or fresh ones, prepared, in batches."""
+"""Training data: scenarios of a dataset or fresh draws, as tensors, in batches."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ from pipeline.storage.folder import Where
 
 
 def fresh_draws(family: str, seed: int, n: int, problem: Problem, count: int) -> ExampleStream:
-    """Training scenarios of a family that nobody has planned, others on each pass of ``count``."""
+    """A stream of fresh training scenarios without plans, ``count`` new ones a pass."""
 
     def read(number: int) -> Examples:
         return _drawn(family, seed, n, problem, range(number * count, (number + 1) * count))
@@ -49,9 +49,9 @@ def _drawn(
 
 
 def joined(first: ExampleSource, second: Examples) -> ExampleSource:
-    """Examples with others after them, which nobody has planned: in one part where all fit in.
+    """Examples followed by others without plans, which become the last part of a stream.
 
-    There the states of the others are not numbers, if those of the first are known.
+    In memory the states of the others are NaN, where those of the first are known.
     """
     if isinstance(first, ExampleStream):
         last = first.part_count
@@ -79,7 +79,7 @@ def sources(
     memory: float = MEMORY,
     progress: Progress = SILENT,
 ) -> tuple[ExampleSource, ExampleSource]:
-    """What a recipe learns from, and what decides which weights are kept.
+    """Training and validation examples of a recipe.
 
     The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios, drawn
     like it from the seed, or its ``crowded`` adds some, of which ``progress`` is told; the test
@@ -103,7 +103,7 @@ def sources(
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Examples as an architecture has prepared them, all on one device."""
+    """Input tensors of an architecture for some examples, all on one device."""
 
     tensors: TensorBatch
 
@@ -134,7 +134,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Preparation:
-    """How examples become what the network of an architecture reads, on its device."""
+    """Preparation of examples as an architecture's input tensors, on a device."""
 
     architecture: Architecture
     encoding: Encoding
@@ -160,7 +160,7 @@ class Streamed:
         return len(self.source)
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
-        """Parts in random order, by a buffer of two batches or more that gives a random half."""
+        """Parts in random order, mixed in a buffer of two batches or more."""
         if self.source.endless:
             yield from self.preparation.of(self.source.read(next(self.passes))).in_order(size)
             return

@@ -78,7 +78,7 @@ class Objective:
 
 
 class Descent:
-    """Steps of Adam with the schedule, gradient limit and averaging of a recipe."""
+    """Adam with a recipe's learning-rate schedule, gradient clipping and weight averaging."""
 
     def __init__(self, network: nn.Module, recipe: Recipe, steps: int) -> None:
         self.network = network
@@ -93,7 +93,7 @@ class Descent:
 
     @property
     def result(self) -> nn.Module:
-        """What is scored and kept: the network, or one with the mean of its weights."""
+        """The network that is scored and kept: itself, or its moving average."""
         return self.network if self._mean is None else self._mean.module
 
     def step(self, loss: Float[Tensor, ""]) -> None:
@@ -144,7 +144,7 @@ def train(
 def _improve(
     objective: Objective, train: Batches, valid: Batches, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
-    """All epochs and the number of the best, whose weights the network is left with."""
+    """Train all epochs; the network ends with the weights of the best, whose number is given."""
     recipe, epochs = objective.recipe, objective.recipe.epochs
     descent = Descent(objective.network, recipe, epochs * math.ceil(len(train) / recipe.batch_size))
     scored = replace(objective, network=descent.result)
@@ -186,7 +186,7 @@ def pass_over(
 
 @contextmanager
 def _seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Seed what dropout and initial weights draw from, and put it back afterwards."""
+    """Seed torch's random generators inside the block, and restore them after it."""
     devices = [] if device.type == "cpu" else [device.index or 0]
     kind = "cuda" if device.type == "cpu" else device.type
     with torch.random.fork_rng(devices=devices, device_type=kind):

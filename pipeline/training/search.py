@@ -1,4 +1,4 @@
-"""A search for better recipes as an Optuna study, which several processes may share."""
+"""Hyperparameter search as an Optuna study, which several processes may share."""
 
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -67,10 +67,10 @@ def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
 
 
 def complete(study: "Study") -> int:
-    """Trials that came to an end."""
+    """Number of completed trials."""
     return sum(trial.state.name == "COMPLETE" for trial in study.get_trials(deepcopy=False))
 
 
 def suggested(trial: "Trial", unused: Collection[str] = ()) -> dict[str, Any]:
-    """Fields of a recipe, of SPACE, for a trial; without those that change nothing."""
+    """Fields of a recipe that a trial suggests from SPACE, less those without effect."""
     return {name: draw(trial, name) for name, draw in SPACE.items() if name not in unused}

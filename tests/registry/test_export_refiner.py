@@ -12,9 +12,9 @@ from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.networks.refiner.on_board.export import CraftCheck, ExportedCraft
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs, told_each_round
-from pipeline.networks.refiner.packaged import packaged
+from pipeline.networks.refiner.model import packaged
+from pipeline.networks.refiner.on_board import STEPS, outputs, told_each_round
+from pipeline.networks.refiner.on_board_export import CraftCheck, ExportedCraft
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.store import connect

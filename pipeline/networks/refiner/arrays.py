@@ -12,37 +12,37 @@ from pipeline.arrays import Array
 
 
 def namespace(values: Any) -> Any:
-    """The module whose array it is: numpy or torch."""
+    """The array module of a value: numpy or torch."""
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
 def plain(values: Any) -> Shaped[Array, "..."]:
-    """The same numbers for compiled code: contiguous, on the CPU, without gradients."""
+    """A contiguous numpy array for compiled code: on the CPU, without gradients."""
     if isinstance(values, np.ndarray):
         return np.ascontiguousarray(values)
     return values.detach().cpu().contiguous().numpy()
 
 
 def like(values: Any, other: Any) -> Any:
-    """An array as one of the same module, and on the same device, as another."""
+    """An array converted to the module and device of another."""
     if isinstance(other, np.ndarray) or not isinstance(values, np.ndarray):
         return values
     return sys.modules["torch"].from_numpy(values).to(other.device)
 
 
 def constant(values: Any) -> Any:
-    """The same values, through which no gradient runs."""
+    """The same values, detached from the gradient's graph."""
     return values if isinstance(values, np.ndarray) else values.detach()
 
 
 def cast(values: Any, other: Any) -> Any:
-    """The same values in the precision of another array of the same module."""
+    """The same values in the data type of another array of the same module."""
     is_numpy = isinstance(values, np.ndarray)
     return values.astype(other.dtype, copy=False) if is_numpy else values.to(other.dtype)
 
 
 def rows(values: Shaped[Any, "k *rest"], index: Int[Any, "j"]) -> Shaped[Any, "j *rest"]:
-    """Some rows; where gradients run through them, as fast as torch can."""
+    """Some rows; of tensors by index_select, whose gradient is fast."""
     if isinstance(values, np.ndarray):
         return values[index]
     return values.index_select(0, like(index, values))
@@ -51,7 +51,7 @@ def rows(values: Shaped[Any, "k *rest"], index: Int[Any, "j"]) -> Shaped[Any, "j
 def with_rows(
     values: Shaped[Any, "k *rest"], index: Int[Any, "j"], new: Shaped[Any, "j *rest"]
 ) -> Shaped[Any, "k *rest"]:
-    """The array with other rows in the place of some."""
+    """A copy of the array with some rows replaced."""
     if not isinstance(values, np.ndarray):
         return values.index_copy(0, like(index, values), new)
     changed = values.copy()
@@ -60,7 +60,7 @@ def with_rows(
 
 
 def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
-    """Other values where a mask says so, computed only then but in a graph that is traced."""
+    """Other values where a mask is true; computed only if it is anywhere, or in a traced graph."""
     xp = namespace(mask)
     if (xp is np or not xp.compiler.is_exporting()) and not mask.any():
         return values
@@ -73,14 +73,14 @@ def sigmoid(values: Float[Any, "*k"]) -> Float[Any, "*k"]:
 
 
 def self_adjoint(apply: Callable[[Array], Array], values: Any) -> Any:
-    """A compiled linear map that is its own adjoint, so gradients go back as values come."""
+    """Apply a compiled self-adjoint linear map, which maps gradients backward too."""
     is_numpy = isinstance(values, np.ndarray)
     return apply(values) if is_numpy else _self_adjoint()(values, apply)
 
 
 @lru_cache(maxsize=1)
 def _self_adjoint() -> Any:
-    """The same as a function of torch's, whose class is made once torch is there."""
+    """The same as a torch autograd function, whose class is made once torch is imported."""
 
     class SelfAdjoint(sys.modules["torch"].autograd.Function):  # type: ignore[misc]
         @staticmethod

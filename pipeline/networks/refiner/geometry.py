@@ -1,4 +1,4 @@
-"""Where craft meet and the planes that keep them apart, in the units that make swarms alike.
+"""Closest approaches of craft and the planes that keep them apart, in units of r_col and Δt.
 
 Relative motion is linear and fuel is a norm, so a swarm twice as large with twice the collision
 radius has the same transfers at twice the fuel. In units of r_col and Δt nothing is left of that:
@@ -12,28 +12,40 @@ approach is linear in the states of the interval's two nodes, by the weights of 
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from numba import njit
 
 from pipeline.arrays import Array
 from pipeline.networks.refiner.arrays import constant, like, namespace, plain, rows, where
-from pipeline.networks.refiner.nearest import close_pairs, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
 # Distance within which decoupled optima must come for a pair to be looked at at all: in r_col, and
-# as a share of the swarm's extent, since who flies far can be sent far off at little cost
+# as a share of the swarm's extent, since craft that fly far can be moved far at little cost
 NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
 TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
 STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
 
+STRETCHES = 6
+"""Parts of an interval on which the search for its closest approach goes straight first."""
+
+NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
+
+THIRD = 1.0 / 3.0
+
+LEVEL = 1e-6
+"""Cosine between gap and relative velocity under which a pair neither comes closer nor parts."""
+
+AT_FIRST = 1024  # encounters for which there is room before it is doubled
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The constant maps of a problem, scaled: all node states are drift · s₁ + reach · u."""
+    """Scaled transfer maps of a problem: all node states are drift · s₁ + reach · u."""
 
     nodes: int  # T
     step: float  # Δt, s
@@ -49,7 +61,7 @@ class Grid:
 
 @lru_cache(maxsize=32)
 def grid_of(problem: Problem, device: Any = None) -> Grid:
-    """The grid of a problem, whose collision radius has no part in it; on a device, as tensors."""
+    """The maps of a problem, the same for any collision radius; as tensors if a device is given."""
     if device is not None:
         grid, torch = grid_of(problem), sys.modules["torch"]
         with torch.inference_mode(False):  # what is kept must serve training too
@@ -72,7 +84,7 @@ def in_units(
 
 
 def _per_step(problem: Problem) -> Float[Array, "6"]:
-    """What turns m and m/s into lengths."""
+    """Factors that turn m and m/s into lengths."""
     return np.repeat([1.0, problem.time_step], 3)
 
 
@@ -85,7 +97,7 @@ class Encounters:
     interval: Int[Array, "E"]  # which interval, from 0
 
     def of(self, which: Int[Array, "L"]) -> "Encounters":
-        """Some of them."""
+        """The encounters of some indices."""
         return Encounters(self.first[which], self.second[which], self.interval[which])
 
     @property
@@ -148,7 +160,7 @@ def approaches(
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """L encounters at a share of their intervals, as the first craft of each sees them."""
+    """Geometry of L encounters at a time in their intervals, relative to the second craft."""
 
     interval: Int[Any, "L"]  # which it is, from 0
     share: Float[Any, "L"]  # when, through which no gradient runs
@@ -174,7 +186,7 @@ def scene_of(
 def normals(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
 ) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
-    """Distance between the craft of each pair at a share of an interval, and the unit vector along.
+    """Distance and unit normal of each pair at a share of an interval.
 
     Where two craft touch, that is any across their motion, and gradients do not turn it.
     """
@@ -214,7 +226,7 @@ def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[An
 def passing(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"], along: Float[Any, "L 3"]
 ) -> tuple[Float[Any, "L 3"], Float[Any, "L"]]:
-    """Unit vector of the motion past each other, at right angles to a normal, and the speed."""
+    """Unit vector of the relative motion perpendicular to a normal, and the relative speed."""
     speed = velocities(ends, share)
     past = speed - (speed * along).sum(axis=1)[:, None] * along
     past = where(_length(past) < STILL, lambda: _across(along), past)
@@ -234,7 +246,7 @@ def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
-    """Some vector at right angles to each, also to none."""
+    """A vector perpendicular to each, also to a zero vector."""
     xp = namespace(vector)
     axis = rows(like(np.eye(3), vector), xp.argmin(abs(vector), axis=1))
     across = xp.linalg.cross(vector, axis)
@@ -247,3 +259,174 @@ def _unit(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
 
 def _length(vector: Float[Any, "L 3"]) -> Float[Any, "L 1"]:
     return namespace(vector).linalg.vector_norm(vector, axis=1, keepdims=True)
+
+
+# Closest approaches within an interval, compiled. jaxtyping cannot look into compiled functions;
+# their shapes are those given here.
+
+
+@no_type_check
+@njit(cache=True)
+def nearest(states, first, second, interval, within, moved, share, distance, turns):
+    """The closest approach of pairs of craft in intervals, (k,) each; lengths in r_col.
+
+    Node states are (N, T, 6), ``moved`` says of each craft whether it has, (N,), and results of
+    pairs of which none has stay. Results are when, as a share of the interval, and the distance,
+    which are 0 and infinite where it is sure to be beyond ``within``; and whether the pair comes
+    closer before and parts after it.
+    """
+    motion = np.empty((4, 3))
+    for k in range(len(first)):
+        if not (moved[first[k]] or moved[second[k]]):
+            continue
+        one, other, t = states[first[k]], states[second[k]], interval[k]
+        if stays_beyond(one, other, t, within[k]):
+            share[k], distance[k], turns[k] = 0.0, np.inf, False
+        else:
+            fill(motion, one, other, t)
+            share[k], distance[k] = closest(motion)
+            turns[k] = 0.0 < share[k] < 1.0 or level(motion, share[k])
+
+
+@no_type_check
+@njit(cache=True)
+def close_pairs(states, n, within):
+    """All pairs of the same swarm of n craft, and intervals in which they come within a distance.
+
+    Node states are (N, T, 6), one swarm's after the other's; the distance is that of each swarm,
+    (N / n,). The result, (3, k), has first craft, second craft and interval of each, in that order.
+    """
+    found, count = np.empty((3, AT_FIRST), np.int64), 0
+    motion = np.empty((4, 3))
+    for i in range(len(states)):
+        swarm = i // n
+        for j in range(i + 1, (swarm + 1) * n):
+            for t in range(states.shape[1] - 1):
+                if stays_beyond(states[i], states[j], t, within[swarm]):
+                    continue
+                fill(motion, states[i], states[j], t)
+                if not comes_within(motion, within[swarm]):
+                    continue
+                if count == found.shape[1]:
+                    wider = np.empty((3, 2 * count), np.int64)
+                    wider[:, :count] = found
+                    found = wider
+                found[0, count], found[1, count], found[2, count] = i, j, t
+                count += 1
+    return found[:, :count].copy()
+
+
+@no_type_check
+@njit(cache=True)
+def stays_beyond(one, other, t, within):
+    """Whether two craft certainly stay beyond a distance in an interval.
+
+    Relative motion is a cubic, and lies among the four points that control it as a Bézier curve;
+    where all of these are beyond a plane at that distance, so is the cubic. The plane is across the
+    middle of both its ends.
+    """
+    begin, leave, come, end, length = 0.0, 0.0, 0.0, 0.0, 0.0
+    for x in range(3):
+        here, there = one[t, x] - other[t, x], one[t + 1, x] - other[t + 1, x]
+        go, arrive = one[t, x + 3] - other[t, x + 3], one[t + 1, x + 3] - other[t + 1, x + 3]
+        middle = here + there
+        begin += here * middle
+        leave += (here + THIRD * go) * middle
+        come += (there - THIRD * arrive) * middle
+        end += there * middle
+        length += middle * middle
+    least = min(min(begin, leave), min(come, end))
+    return least > 0 and least * least > within * within * length
+
+
+@no_type_check
+@njit(cache=True)
+def comes_within(motion, within):
+    """Whether the cubic comes within a distance of 0; most that do are at one of their ends."""
+    begin, end = 0.0, 0.0
+    for x in range(3):
+        begin += motion[0, x] ** 2
+        end += (motion[0, x] + motion[1, x] + motion[2, x] + motion[3, x]) ** 2
+    return min(begin, end) <= within * within or closest(motion)[1] <= within
+
+
+@no_type_check
+@njit(cache=True)
+def fill(motion, one, other, t):
+    """Relative motion in an interval as the coefficients of its cubic: p0, v0, a2, a3."""
+    for x in range(3):
+        here, there = one[t, x] - other[t, x], one[t + 1, x] - other[t + 1, x]
+        go, arrive = one[t, x + 3] - other[t, x + 3], one[t + 1, x + 3] - other[t + 1, x + 3]
+        motion[0, x], motion[1, x] = here, go
+        motion[2, x] = 3 * (there - here) - 2 * go - arrive
+        motion[3, x] = 2 * (here - there) + go + arrive
+
+
+@no_type_check
+@njit(cache=True)
+def closest(motion):
+    """Time and distance of the cubic's closest approach to 0."""
+    when, least = 0.0, np.inf
+    x, y, z = position_at(motion, 0.0)
+    for stretch in range(STRETCHES):
+        # Where craft pass each other fast, the closest sample may be far from there.
+        here = x * x + y * y + z * z
+        if here < least:
+            when, least = stretch / STRETCHES, here
+        to_x, to_y, to_z = position_at(motion, (stretch + 1) / STRETCHES)
+        along = x * (x - to_x) + y * (y - to_y) + z * (z - to_z)
+        length = (to_x - x) ** 2 + (to_y - y) ** 2 + (to_z - z) ** 2
+        if 0 < along < length:  # the straight way between both is closest to 0 on its way
+            s = (stretch + along / length) / STRETCHES
+            square = distance_at(motion, s)[0]
+            if square < least:
+                when, least = s, square
+        x, y, z = to_x, to_y, to_z
+    if x * x + y * y + z * z < least:
+        when, least = 1.0, x * x + y * y + z * z
+    # The least of a smooth curve is near the least of these, so no step goes further, and
+    # none that leads away is followed.
+    low, high = max(when - 1 / STRETCHES, 0.0), min(when + 1 / STRETCHES, 1.0)
+    s = when
+    for _ in range(NEWTON_STEPS):
+        _, slope, curvature, _ = distance_at(motion, s)
+        step = slope / curvature if curvature > 0 else np.sign(slope) * (high - low) / 4
+        s = min(max(s - step, low), high)
+        square = distance_at(motion, s)[0]
+        if square < least:
+            when, least = s, square
+    return when, np.sqrt(least)
+
+
+@no_type_check
+@njit(cache=True)
+def level(motion, s):
+    """Whether the distance of the cubic from 0 is stationary, up to rounding."""
+    square, slope, _, speed = distance_at(motion, s)
+    return slope * slope <= LEVEL * LEVEL * square * speed
+
+
+@no_type_check
+@njit(cache=True)
+def distance_at(motion, s):
+    """Squared distance |p|² of the cubic, half its first two derivatives, and |v|²."""
+    square, slope, curvature, speed = 0.0, 0.0, 0.0, 0.0
+    for x in range(3):
+        p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
+        p = p0 + s * (v0 + s * (a2 + s * a3))
+        v = v0 + s * (2 * a2 + 3 * s * a3)
+        square += p * p
+        slope += p * v
+        curvature += v * v + p * (2 * a2 + 6 * s * a3)
+        speed += v * v
+    return square, slope, curvature, speed
+
+
+@no_type_check
+@njit(cache=True)
+def position_at(motion, s):
+    """Position on the cubic."""
+    x = motion[0, 0] + s * (motion[1, 0] + s * (motion[2, 0] + s * motion[3, 0]))
+    y = motion[0, 1] + s * (motion[1, 1] + s * (motion[2, 1] + s * motion[3, 1]))
+    z = motion[0, 2] + s * (motion[1, 2] + s * (motion[2, 2] + s * motion[3, 2]))
+    return x, y, z

@@ -17,14 +17,19 @@ F features, H numbers of a message. Units are r_col and Δt.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, no_type_check
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
+from safetensors.numpy import load as arrays_from
 
 from pipeline.arrays import Array
+from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
+from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.arrays import (
     cast,
     constant,
@@ -59,7 +64,7 @@ from pipeline.networks.refiner.programs import (
 )
 from pipeline.orbit.problem import Problem
 
-WATCHED = 1.3  # distance in r_col within which a pair that turns from coming closer gets a plane
+PLANE_DISTANCE = 1.3  # in r_col, within which pairs that turn from coming closer get a plane
 
 SAFE = 1 + 1e-4
 """Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
@@ -74,6 +79,7 @@ MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 STEADY = 1e-4  # share by which fuel must change in a round that leaves a swarm safe to go on
 FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
 FEATURES = 18  # F: edge features, as one of the two craft sees them
+FOLDER = Path(__file__).parent / "default"  # the packaged model: weights, description and card
 
 Weights = Mapping[str, Any]
 """Weights of the network by name: ``read``, ``tell``, ``weigh`` and ``offer``, and ``hears``, 1 but
@@ -91,28 +97,27 @@ def edge_features(
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
-    """Edge features, as either craft sees them, in the round of a number.
+    """Edge features of each encounter, as either craft sees them, in the round of a number.
 
-    ``dual`` is of the round before; ``load`` has planes, the sum of their duals, and fuel beyond
-    the decoupled optimum.
+    ``dual`` is of the round before; ``load`` has the node features of either craft.
     """
     past, speed = passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
     shared = [
-        3 * xp.clip(1 - scene.distance, -2, 2),
-        cast(scene.distance < 1, dual),
-        (scene.interval + scene.share) / (nodes - 1),
-        xp.log(speed + 0.1),
-        xp.log(xp.linalg.vector_norm(scene.gain, axis=1) + 1e-3),
-        xp.zeros_like(speed) + number / 8,
+        3 * xp.clip(1 - scene.distance, -2, 2),  # depth within r_col
+        cast(scene.distance < 1, dual),  # whether it is within r_col
+        (scene.interval + scene.share) / (nodes - 1),  # time, as a share of the transfer
+        xp.log(speed + 0.1),  # relative speed
+        xp.log(xp.linalg.vector_norm(scene.gain, axis=1) + 1e-3),  # effect of controls
+        xp.zeros_like(speed) + number / 8,  # round
     ]
     own = [
         xp.log(first_dual),
         xp.clip(dual, None, 5),
         xp.log(dual + 1e-3),
-        load[..., 0] / 4,
-        xp.clip(load[..., 1], None, 10),
-        xp.clip(load[..., 2], None, 5),
+        load[..., 0] / 4,  # number of planes
+        xp.clip(load[..., 1], None, 10),  # sum of their duals
+        xp.clip(load[..., 2], None, 5),  # fuel beyond the decoupled optimum
     ]
     both = [xp.broadcast_to(values[:, None], dual.shape) for values in shared]
     around = xp.concatenate([scene.along, past], axis=1)  # (L, 6)
@@ -127,10 +132,10 @@ def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
     return free / namespace(free).clip(norm, 1e-9, None)
 
 
-def agree(
+def trades(
     weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
 ) -> Float[Any, "L"]:
-    """Message passing: the trade of each encounter, r_col; ``free`` says which planes are alike."""
+    """Message passing: the trade of each encounter, r_col; ``free`` compares planes."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
     embedded = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
@@ -195,7 +200,7 @@ def offers(
     received: Float[Any, "*L _"],
     others: Float[Any, "*L _"],
 ) -> Float[Any, "*L"]:
-    """Offers of a craft, from the edge features and the aggregated messages of both craft."""
+    """Offers of a craft: an MLP of the edge features and both craft's aggregated messages."""
     every = namespace(embedded).concatenate([embedded, received, others], axis=-1)
     return linear(weights, "offer", two_layers(weights, "weigh", every))[..., 0]
 
@@ -217,11 +222,11 @@ def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any
 
 
 def trade_of(offer: Float[Any, "L"], other: Float[Any, "L"]) -> Float[Any, "L"]:
-    """What a craft that offers more than the other gives way beyond its share, r_col."""
+    """The trade by both offers: what the first craft gives way beyond its share, r_col."""
     return MOST_TRADE * namespace(offer).tanh(offer - other)
 
 
-def to_give(
+def way_to_give(
     distance: Float[Any, "L"],
     dual: Float[Any, "L 2"],
     first_dual: Float[Any, "L 2"],
@@ -240,7 +245,7 @@ def to_give(
     return xp.stack([first, needed - first], axis=1)
 
 
-# What stays the same over the rounds, and what changes.
+# The problem, which is the same in all rounds, and the iterate, which changes.
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +266,7 @@ class ProblemData:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """What the rounds have come to."""
+    """The state of the iteration after a round."""
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
@@ -287,32 +292,32 @@ def problem_data(
 
 
 def start(data: ProblemData) -> Iterate:
-    """The decoupled optima, before there is any plane."""
+    """The first iterate: decoupled optima, without planes."""
     controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
     states = data.grid.fly(data.initial, controls)
-    near = approaches(data.met, states, np.full(len(nothing), WATCHED))
+    near = approaches(data.met, states, np.full(len(nothing), PLANE_DISTANCE))
     return Iterate(controls, states, near, nothing, nothing)
 
 
 # One round: planes, edge features, messages, the trade, the programs.
 
 
-def play(
+def run_round(
     weights: Weights | None,
     data: ProblemData,
     now: Iterate,
     number: int,
     among: Bool[Array, "b"] | None = None,
 ) -> Iterate:
-    """The next iterate, by the round of a number from 0; without trades if there are no weights.
+    """One round: the next iterate, by the round of a number from 0; without weights no trades.
 
     ``among`` has the swarms that go on, while the others keep their controls; by default all do.
     """
-    # A plane stays, or pairs would forget each other and meet again.
+    # A plane stays, or pairs would forget each other and meet again; live is (E,).
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
     if among is not None:
         live &= among[data.swarm]
-    which = np.flatnonzero(live)
+    which = np.flatnonzero(live)  # (L,)
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
@@ -320,27 +325,27 @@ def play(
     craft = met.craft  # (L, 2)
     scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
-    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))
+    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))  # (E, 2)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
     sides = sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
-        load = _load(craft, dual, data, plain(now.controls))  # (L, 2, 3)
+        load = _node_features(craft, dual, data, plain(now.controls))  # (L, 2, 3)
         features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
-        trade = agree(weights, like(features, gain), free, sides)  # (L,)
-    give = to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
+        trade = trades(weights, like(features, gain), free, sides)  # (L,)
+    give = way_to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
     best, paid = optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
-    controls = with_rows(now.controls, sides.craft, best)
-    flown = grid.fly(rows(data.initial, sides.craft), best)
-    states = with_rows(now.states, sides.craft, flown)
-    dual = with_rows(np.zeros_like(now.dual), which, paid)
+    controls = with_rows(now.controls, sides.craft, best)  # (N, m)
+    flown = grid.fly(rows(data.initial, sides.craft), best)  # (C, T, 6)
+    states = with_rows(now.states, sides.craft, flown)  # (N, T, 6)
+    dual = with_rows(np.zeros_like(now.dual), which, paid)  # (E, 2)
     moved = np.zeros(len(controls), dtype=bool)
     moved[sides.craft] = True
     # Encounters with planes are seen at any distance, others where they would get one.
-    within = np.where(first_dual[:, 0] > 0, np.inf, WATCHED)
+    within = np.where(first_dual[:, 0] > 0, np.inf, PLANE_DISTANCE)
     near = approaches(data.met, states, within, now.near, moved)
     return Iterate(controls, states, near, dual, first_dual)
 
@@ -349,7 +354,7 @@ def gets_plane(
     distance: Float[Any, "E"], turns: Bool[Any, "E"], number: int | Int[Any, ""]
 ) -> Bool[Any, "E"]:
     """Whether pairs that have no plane yet get one in the round of a number."""
-    return (turns & (distance < WATCHED)) | ((distance < SAFE) & (number >= TURNS_ONLY))
+    return (turns & (distance < PLANE_DISTANCE)) | ((distance < SAFE) & (number >= TURNS_ONLY))
 
 
 def _with_first_duals(
@@ -358,7 +363,7 @@ def _with_first_duals(
     which: Int[Array, "L"],
     gain: Float[Array, "L m"],
 ) -> Float[Array, "E 2"]:
-    """First duals also of planes that are new."""
+    """First duals, with those of new planes filled in."""
     new = np.flatnonzero(first_dual[which, 0] == 0)
     if len(new) == 0:
         return first_dual
@@ -367,13 +372,13 @@ def _with_first_duals(
     return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
 
 
-def _load(
+def _node_features(
     craft: Int[Array, "L 2"],
     dual: Float[Array, "L 2"],
     data: ProblemData,
     controls: Float[Array, "N m"],
 ) -> Float[Array, "L 2 3"]:
-    """Of either craft: planes, the sum of their duals, and fuel beyond the decoupled optimum."""
+    """Node features of either craft: planes, sum of their duals, fuel beyond the optimum."""
     N = len(controls)
     count = np.bincount(craft.reshape(-1), minlength=N)
     paid = np.bincount(craft.reshape(-1), dual.reshape(-1), minlength=N)
@@ -381,7 +386,7 @@ def _load(
     return np.stack([count, paid, more], axis=1)[craft]
 
 
-# The answer, and what is lacking.
+# The answer: the cheapest safe iterate; and the shortfall of separation, which is trained on.
 
 
 def answer(
@@ -392,7 +397,7 @@ def answer(
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
 ) -> Float[Array, "b n intervals 3"]:
-    """Controls of each swarm after so many rounds, m/s²; states are in m and m/s, radii in m."""
+    """Controls of each swarm after some rounds, m/s²; states are in m and m/s, radii in m."""
     controls, _ = cheapest_safe(weights, problem_data(problem, initial, goal, radius), rounds)
     unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
@@ -413,7 +418,7 @@ def cheapest_safe(
         if not going.any():
             break
         before = data.fuel(now.controls)
-        now = play(weights, data, now, number, going)
+        now = run_round(weights, data, now, number, going)
         fuel = safe_fuel(data, now)
         better = (fuel < least) | np.isinf(least)
         best = np.where(np.repeat(better, data.n)[:, None], now.controls, best)
@@ -430,7 +435,7 @@ def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
     )
 
 
-def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
+def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
     """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
 
     Elsewhere a pair that lacks something lacks more in the interval before or after.
@@ -439,3 +444,42 @@ def lack(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
     distances, _ = normals(data.met.of(which).relative(now.states), now.near.share[which])
     of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)
+
+
+# Trained models without torch, and the one that comes with the package.
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedRefiner:
+    """A trained refiner as arrays: a ``TrainedNetwork`` for any n, on any orbit and time grid."""
+
+    weights: Weights | None  # by name; None for rounds without trades
+    rounds: int  # that an answer takes
+    problem: Problem  # of its training data, or that it is asked about
+    digest: str  # SHA-256 of all that decides its answers
+
+    architecture: ClassVar[str] = REFINER
+    answers: ClassVar[Answer] = "controls"
+
+    def on(self, problem: Problem) -> "TrainedRefiner":
+        """The same weights for another problem."""
+        return replace(self, problem=problem)
+
+    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ 3"]:
+        """Controls of each swarm, m/s²."""
+        radius = np.full(len(initial), collision_radius)
+        how = self.weights, self.rounds, self.problem
+        found = [
+            answer(*how, initial[k], goal[k], radius[k])
+            for k in portions(initial, goal, self.problem.nodes)
+        ]
+        return np.concatenate(found)
+
+
+@lru_cache(maxsize=1)
+def packaged() -> TrainedRefiner:
+    """The trained refiner that comes with the package."""
+    document = read_model(FOLDER)
+    weights = read_weights(FOLDER, document.weights_sha256, arrays_from)
+    problem = Problem(**document.problem.model_dump())
+    return TrainedRefiner(weights, document.config["rounds"], problem, document.digest)

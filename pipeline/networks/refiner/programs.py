@@ -1,25 +1,42 @@
 """Each craft's own program: least fuel to its goal, on its side of some separating planes.
 
-That of ``model`` is solved by a dual simplex method on the tableau (``simplex``), from the
-decoupled optimum, the one without planes, whose basis a table knows.
+That of ``model`` is solved by a dual simplex method on the tableau, from the decoupled optimum, the
+one without planes, whose basis a table knows. A program has 6 + p basic and m - 6 other variables,
+m controls and p planes, all of whose costs have a kink at 0:
+
+    x_B = value - body · x_N,    x_N = 0.
+
+Of each basic variable, side says on which side of 0 its cost is taken to be; of each other one,
+cost is its dual, between the slopes on either side. That is kept true; a basic variable that is
+on the wrong side leaves, until there is none.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
+from numba import njit
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, like, plain, rows
 from pipeline.networks.refiner.geometry import Grid
-from pipeline.networks.refiner.simplex import first_ratios, solve_all
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem
 
 LARGEST_DUAL = 50.0
 """Λ: fuel at which a plane is given up, r_col/Δt² a r_col; few ever cost more than 2."""
+
+SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
+NO_PIVOT = 1e-11  # entries of a tableau under which nothing is divided by them
+
+TIE = 1e-6
+"""Difference of duals that counts as none: where several optima cost the same, the earliest control
+enters, or rounding and the order of planes would choose between them."""
+
+STEEP = 0.1  # share of the largest entry among these that an entry must have to be divided by
+MOST_PIVOTS = 500  # pivots after planes were added after which a program is left as it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,3 +122,204 @@ def first_duals(
     """What the first unit along a row costs a craft: the dual simplex ratio."""
     found = first_ratios(own.tableau, own.basis, own.others, own.cost, craft, gain)
     return np.asarray(found)
+
+
+# The dual simplex method, compiled. jaxtyping cannot look into compiled functions; their shapes are
+# those of ``solve_all``.
+
+
+@no_type_check
+@njit(cache=True)
+def solve_all(
+    tableau, own, basis, others, sides, costs, craft_of, start, order, gain, asked, largest,
+    controls, dual, change,
+):  # fmt: skip
+    """The optimum of each of C programs; all arrays are contiguous float64 or int64.
+
+    The first six arguments are the fields of ``Decoupled``, the next three those of
+    ``Sides``; gain (L, m), asked (L, 2) and largest are g, d and Λ. Results are controls
+    (C, m), and what begins as zeros: duals (L, 2), and ∂u/∂asked (L, 2, m), which is (0, 2, m)
+    where it is not wanted. A plane has two sides, 2l and 2l + 1, for the two craft between which
+    it is.
+    """
+    C, m = len(craft_of), own.shape[1]
+    most = np.max(start[1:] - start[:-1])
+    body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
+    basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
+    cost, ratio, there = np.empty(m - 6), np.empty(m - 6), np.empty(most, np.bool_)
+    for c in range(C):
+        craft, mine, u = craft_of[c], order[start[c] : start[c + 1]], controls[c]
+        for k in range(m - 6):
+            other[k], cost[k] = others[craft, k], costs[craft, k]
+        for i in range(6):
+            basic[i], side[i] = basis[craft, i], sides[craft, i]
+            value[i] = own[craft, basic[i]]
+            body[i] = tableau[craft, i]
+        u[:] = own[craft]
+        rows, there[:] = 6, False
+        while True:
+            # Most planes are met by an optimum that does not know of them, and need no row.
+            before = rows
+            for p in range(len(mine)):
+                if there[p]:
+                    continue
+                left = slack(gain, asked, mine[p], u)
+                if left < -SMALL:
+                    there[p] = True
+                    add_row(rows, m, p, gain, mine[p], left, body, value, side, basic, other)
+                    rows += 1
+            if rows == before:
+                break
+            for _ in range(MOST_PIVOTS):
+                if not pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
+                    break
+            u[:] = 0.0
+            for i in range(rows):
+                if basic[i] < m:
+                    u[basic[i]] = value[i]
+        read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change)
+
+
+@no_type_check
+@njit(cache=True, fastmath={"reassoc"})
+def slack(gain, asked, mine, controls):
+    """Slack of controls at a side's plane."""
+    plane, second = mine >> 1, mine & 1
+    along = 0.0
+    for k in range(len(controls)):
+        along += gain[plane, k] * controls[k]
+    return (-along if second else along) - asked[plane, second]
+
+
+@no_type_check
+@njit(cache=True)
+def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
+    """Append the slack of plane p as row i, in terms of the present nonbasic variables."""
+    plane, sign = mine >> 1, -1.0 if mine & 1 else 1.0
+    value[i], side[i], basic[i] = left, 1.0, m + p
+    for k in range(len(other)):
+        body[i, k] = -sign * gain[plane, other[k]] if other[k] < m else 0.0
+    for b in range(i):
+        if basic[b] < m:
+            share = sign * gain[plane, basic[b]]
+            for k in range(len(other)):
+                body[i, k] += share * body[b, k]
+
+
+@no_type_check
+@njit(cache=True)
+def first_ratios(tableau, basis, others, costs, craft_of, gain):
+    """What the first unit along rows (k, m) costs craft, (k,): the dual simplex ratio."""
+    moved, dual = np.empty(others.shape[1]), np.empty(len(craft_of))
+    for c in range(len(craft_of)):
+        craft, g = craft_of[c], gain[c]
+        for k in range(len(moved)):
+            moved[k] = g[others[craft, k]]
+        for b in range(6):
+            for k in range(len(moved)):
+                moved[k] -= g[basis[craft, b]] * tableau[craft, b, k]
+        least = np.inf
+        for k in range(len(moved)):
+            size, cost = abs(moved[k]), costs[craft, k]
+            rise = 1.0 - cost if moved[k] > 0 else 1.0 + cost
+            # The sign of rounding says nothing.
+            least = min(least, 1.0 / SMALL if size < SMALL else rise / size)
+        dual[c] = least
+    return dual
+
+
+@no_type_check
+@njit(cache=True)
+def slopes(variable, m, largest):
+    """Slopes of a variable's cost, below and above 0."""
+    return (-1.0, 1.0) if variable < m else (-largest, 0.0)
+
+
+@no_type_check
+@njit(cache=True)
+def pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
+    """One step: the worst infeasible variable changes side or leaves; False if there is none."""
+    leaving, worst = -1, SMALL
+    for i in range(rows):
+        if -value[i] * side[i] > worst:
+            leaving, worst = i, -value[i] * side[i]
+    if leaving < 0:
+        return False
+    sign, line = side[leaving], body[leaving]
+    entering = entering_variable(sign, line, cost, other, m, largest, ratio)
+    step = ratio[entering]
+    low, high = slopes(basic[leaving], m, largest)
+    over = high - low <= step
+    step = min(step, high - low)
+    for k in range(len(other)):
+        cost[k] -= step * sign * line[k]
+    if over:
+        side[leaving] = -sign
+    else:
+        exchange(rows, leaving, entering, body, value, basic, other)
+        side[leaving] = -1.0 if sign * line[entering] > 0 else 1.0
+        cost[entering] = high - step if sign > 0 else low + step
+    return True
+
+
+@no_type_check
+@njit(cache=True)
+def entering_variable(sign, line, cost, other, m, largest, ratio):
+    """Which nonbasic variable enters for one that leaves its side: the first of the cheapest.
+
+    ``ratio`` becomes the dual of the leaving variable's row, ``line``, at which each would enter.
+    """
+    least, steepest, found = np.inf, 0.0, -1
+    for k in range(len(other)):
+        slope, (low, high) = sign * line[k], slopes(other[k], m, largest)
+        ratio[k] = np.inf
+        if abs(slope) >= NO_PIVOT:
+            ratio[k] = max((cost[k] - (low if slope > 0 else high)) / slope, 0.0)
+        least = min(least, ratio[k])
+    for k in range(len(other)):
+        if ratio[k] <= least + TIE:
+            steepest = max(steepest, abs(line[k]))
+    for k in range(len(other)):
+        tied = ratio[k] <= least + TIE and abs(line[k]) >= STEEP * steepest
+        if tied and (found < 0 or other[k] < other[found]):
+            found = k
+    return found
+
+
+@no_type_check
+@njit(cache=True)
+def exchange(rows, leaving, entering, body, value, basic, other):
+    """Exchange a basic and a nonbasic variable."""
+    line = body[leaving]
+    inverse = 1.0 / line[entering]
+    amount = value[leaving] * inverse
+    for k in range(len(other)):
+        line[k] *= inverse
+    line[entering] = inverse
+    for i in range(rows):
+        share = body[i, entering]
+        if i != leaving and share != 0.0:
+            for k in range(len(other)):
+                body[i, k] -= share * line[k]
+            body[i, entering] = -share * inverse
+            value[i] -= share * amount
+    value[leaving] = amount
+    basic[leaving], other[entering] = other[entering], basic[leaving]
+
+
+@no_type_check
+@njit(cache=True)
+def read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change):
+    """Read duals off the tableau, and what controls change with what is asked."""
+    for i in range(rows):
+        if basic[i] >= m and side[i] < 0:  # what is missing
+            plane = mine[basic[i] - m]
+            dual[plane >> 1, plane & 1] = largest
+    for k in range(m - 6):
+        if other[k] >= m:
+            plane, second = mine[other[k] - m] >> 1, mine[other[k] - m] & 1
+            dual[plane, second] = min(max(-cost[k], 0.0), largest)  # ties may take it slack
+            if len(change):
+                for i in range(rows):
+                    if basic[i] < m:
+                        change[plane, second, basic[i]] = -body[i, k]

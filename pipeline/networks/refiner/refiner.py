@@ -22,14 +22,14 @@ from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
-    WATCHED,
+    PLANE_DISTANCE,
     ProblemData,
     Weights,
     answer,
     cheapest_safe,
-    lack,
-    play,
     problem_data,
+    run_round,
+    shortfall,
     start,
 )
 from pipeline.orbit.separation import drift_separations
@@ -59,13 +59,13 @@ class LossSettings(BaseModel):
 
     rounds: int = Field(default=8, ge=1)  # in training
     violation: float = 2.5  # what a r_col that an encounter lacks counts as
-    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``WATCHED``
-    clear: float = Field(default=0.008, ge=0, le=WATCHED - 1)
+    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``PLANE_DISTANCE``
+    clear: float = Field(default=0.008, ge=0, le=PLANE_DISTANCE - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
 
 
 class MessagePassing(nn.Module):
-    """The weights of the network; ``model.agree`` is its forward pass. Untrained, trades are 0."""
+    """The weights of the network; ``model.trades`` is its forward pass. Untrained, trades are 0."""
 
     hears: Float[Tensor, ""]  # 1; stored with the weights, 0 where trained without messages
 
@@ -104,10 +104,9 @@ class Refiner:
         {"dropout", "interior", "target", "scaling", "collision_weight"}
     )
 
-    @property
-    def recipes(self) -> Mapping[str, Mapping[str, Any]]:
-        """One that learns from fuel and separation, without plans."""
-        tuned = {
+    # One that learns from fuel and separation, without plans
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "tuned": {
             "learning_rate": 2e-3,
             "batch_size": 32,
             "epochs": 25,
@@ -118,7 +117,7 @@ class Refiner:
             "averaging": 0.998,
             "options": LossSettings().model_dump(),
         }
-        return {"tuned": tuned}
+    }
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """The network that all encounters share; it has no dropout."""
@@ -137,18 +136,17 @@ class Refiner:
         return {"initial": swarms.initial, "goal": swarms.goal, "radius": radius, "most": most}
 
     def loss(
-        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
+        self, network: MessagePassing, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Fuel over the lower bound and what encounters lack, by the logarithm, over all rounds."""
+        """Log of fuel over the lower bound plus separation shortfall, averaged over rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
-        assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         given = _turned(_crowded(batch, encoding))
         ends = given.initial, given.goal, given.collision_radius
         data, terms = problem_data(given.problem, *ends, given.initial.device), []
         now, weights = start(data), network.weights
         for number in range(settings.rounds):
-            now = play(weights, data, now, number)
-            missing = settings.violation * lack(data, now, 1 + settings.clear)
+            now = run_round(weights, data, now, number)
+            missing = settings.violation * shortfall(data, now, 1 + settings.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
             terms.append(torch.log(_ratio(data, now.controls) + missing).mean())
         weight = torch.tensor([settings.earlier**k for k in reversed(range(len(terms)))])
@@ -157,10 +155,9 @@ class Refiner:
 
     @torch.no_grad()
     def score(
-        self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
+        self, network: MessagePassing, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """The logarithm of answers' fuel and a penalty on unsafe ones, as they are and crowded."""
-        assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
+        """Log of fuel and a penalty on unsafe plans, with collision radii given and raised."""
         scores = []
         for radius in (batch["radius"], batch["most"]):
             data = problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
@@ -170,10 +167,9 @@ class Refiner:
         return torch.stack(scores).mean()
 
     def answer(
-        self, network: nn.Module, swarms: Swarms, encoding: Encoding
+        self, network: MessagePassing, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
-        assert isinstance(network, MessagePassing), "what ``Refiner.network`` makes"
         ends = swarms.initial, swarms.goal, swarms.collision_radius
         return torch.from_numpy(answer(network.arrays, network.rounds, swarms.problem, *ends))
 
@@ -185,14 +181,14 @@ def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "
 
 
 def _crowded(batch: TensorBatch, encoding: Encoding) -> Swarms:
-    """The swarms with collision radii drawn up to the most that they may be."""
+    """Augmentation: collision radii drawn at random, up to the largest allowed."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least)
     return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
 
 
 def _turned(swarms: Swarms) -> Swarms:
-    """The same swarms seen in a mirror or from behind, which linear motion does not notice."""
+    """Augmentation: swarms mirrored or reversed, under which linear motion is invariant."""
     half = swarms.collision_radius.new_full((2, len(swarms.initial)), 0.5)
     behind, mirror = 1 - 2 * torch.bernoulli(half)
     axes = torch.ones(len(behind), 1, 6, dtype=behind.dtype, device=behind.device)

@@ -21,7 +21,7 @@ from pipeline.flight.montecarlo import TrialSettings, fly_all
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.networks.model import load
-from pipeline.networks.refiner.packaged import FOLDER
+from pipeline.networks.refiner.model import FOLDER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import Expert

@@ -12,8 +12,8 @@ from torch import nn
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks import architecture
 from pipeline.networks.architecture import find, recipe_for
-from pipeline.networks.catalogue import architecture_names
 from pipeline.networks.encoding import Encoding
+from pipeline.networks.recipes import architecture_names
 from pipeline.orbit.problem import Problem
 
 NAMES = ("ff1", "ff2", "ffcol", "lstm1", "lstm2", "lstmcol")
@@ -122,7 +122,7 @@ def test_an_entry_point_to_something_else_is_refused(monkeypatch):
 
 def test_names_are_listed_without_importing_torch():
     code = (
-        "import sys; from pipeline.networks.catalogue import architecture_names; "
+        "import sys; from pipeline.networks.recipes import architecture_names; "
         "assert 'ff1' in architecture_names(); assert 'torch' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

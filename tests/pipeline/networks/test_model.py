@@ -17,7 +17,7 @@ from pipeline.networks.document import COLUMNS_AT_ONCE
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
 from pipeline.networks.onnx_export import export
-from pipeline.networks.refiner.packaged import FOLDER
+from pipeline.networks.refiner.model import FOLDER
 from pipeline.orbit.problem import Problem
 
 PROBLEM = Problem(nodes=4)

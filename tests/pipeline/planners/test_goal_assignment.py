@@ -14,7 +14,7 @@ from pipeline.orbit.rings import pro_states
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
 from pipeline.planners.assignment import decoupled_costs, ranked
 from pipeline.planners.classical import Expert
-from pipeline.planners.goal_assignment import DEAR, GoalAssignment
+from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, draw
 
@@ -45,7 +45,7 @@ def test_no_order_of_four_craft_is_planned_for_less():
     (plan,) = GoalAssignment(Expert()).plan([scenario])
     plans = [solve(scenario.taking(order)) for order in permutations(range(4))]
     cheapest = min(one.certificate.fuel for one in plans if one.status == SOLVED)
-    assert plan.certificate.fuel <= cheapest * (1 + DEAR)
+    assert plan.certificate.fuel <= cheapest * (1 + LARGE_GAP)
     assert plan.certificate.fuel_lower_bound <= cheapest * (1 + 1e-9)
     assert plan.certificate.fuel_lower_bound == pytest.approx(
         min(one.certificate.fuel_lower_bound for one in plans), rel=1e-9
@@ -72,7 +72,7 @@ def test_where_the_cheapest_assignment_is_dear_the_next_best_are_tried():
         (plan,) = GoalAssignment(Expert()).plan([scenario])
         assert plan.certificate.fuel <= alone.certificate.fuel
         assert plan.assignment.tried >= alone.assignment.tried
-        dear = alone.certificate.optimality_gap > DEAR
+        dear = alone.certificate.optimality_gap > LARGE_GAP
         assert (plan.assignment.tried > 1) <= dear
         if plan.assignment.rank != 1:
             better += 1

@@ -11,10 +11,9 @@ from pipeline.orbit.covariance import Uncertainty
 from pipeline.plan import Certificate, Clearance, Risk
 from pipeline.plan.document import PlanDocument
 from pipeline.scenario import diagnostics
-from pipeline.scenario.constraint_documents import ObstacleDocument
 from pipeline.scenario.document import ScenarioDocument
 from pipeline.scenario.orbit_document import ReferenceDocument
-from pipeline.scenario.ring_document import RingDocument
+from pipeline.scenario.part_documents import ObstacleDocument, RingDocument
 
 PAGE = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
 

@@ -18,8 +18,13 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import read_scenario, write_scenario
-from pipeline.scenario.inertial import scenario_from_inertial
-from pipeline.scenario.state_files import ELEMENTS, KILOMETRES, METRES, read_inertial
+from pipeline.scenario.inertial import (
+    ELEMENTS,
+    KILOMETRES,
+    METRES,
+    read_inertial,
+    scenario_from_inertial,
+)
 
 EPOCH = datetime(2026, 3, 1, 23, 55, 0, 250000, tzinfo=UTC)
 RADIANS = brahe.AngleFormat.RADIANS

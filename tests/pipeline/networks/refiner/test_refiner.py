@@ -13,8 +13,15 @@ from pipeline.networks.architecture import find, recipe_for, swarms
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model, load, save
 from pipeline.networks.refiner import model as refiner_model
-from pipeline.networks.refiner.model import cheapest_safe, lack, play, problem_data, start
-from pipeline.networks.refiner.packaged import FOLDER, packaged
+from pipeline.networks.refiner.model import (
+    FOLDER,
+    cheapest_safe,
+    packaged,
+    problem_data,
+    run_round,
+    shortfall,
+    start,
+)
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separation, pair_conflicts
 from pipeline.orbit.transfer import fly, minimum_energy, track
@@ -134,7 +141,7 @@ def test_it_ends_with_the_cheapest_safe_iterate(monkeypatch):
         for k, (x, u) in enumerate(zip(initial, flown, strict=True)):
             if least_separation(fly(x, u, PROBLEM), u, PROBLEM).bound > 15.0 + 2e-3:
                 cheapest[k] = min(cheapest[k], data.fuel(state.controls)[k])
-        state = play(made.arrays, data, state, number)
+        state = run_round(made.arrays, data, state, number)
     assert np.array_equal(safe, np.isfinite(cheapest))
     assert np.array_equal(mine[safe], cheapest[safe])
     assert safe.sum() >= 5
@@ -182,10 +189,15 @@ def test_rounds_of_torch_are_those_of_numpy(family, tolerance):
     data, same = problem_data(*given), problem_data(*given, torch.device("cpu"))
     now, then = start(data), start(same)
     for number in range(8):
-        now, then = play(made.arrays, data, now, number), play(made.weights, same, then, number)
-        scale, missing = np.abs(now.controls).max(), lack(data, now, 1.1)
+        now, then = (
+            run_round(made.arrays, data, now, number),
+            run_round(made.weights, same, then, number),
+        )
+        scale, missing = np.abs(now.controls).max(), shortfall(data, now, 1.1)
         assert np.abs(then.controls.detach().numpy() - now.controls).max() <= tolerance * scale
-        assert lack(same, then, 1.1).detach().numpy() == pytest.approx(missing, abs=10 * tolerance)
+        assert shortfall(same, then, 1.1).detach().numpy() == pytest.approx(
+            missing, abs=10 * tolerance
+        )
 
 
 def test_the_packaged_refiner_is_the_stored_model_and_answers_without_torch():
@@ -217,7 +229,7 @@ def test_what_a_swarm_lacks_is_counted_once_for_each_time_that_a_pair_turns():
     middle = apart[..., 1:-1]
     turns = (middle < apart[..., :-2]) & (middle <= apart[..., 2:]) & (middle < 1.1)
     wanted = ((1.1 - middle) * turns).sum(axis=(1, 2))
-    assert lack(data, state, 1.1) == pytest.approx(wanted, abs=2e-3)
+    assert shortfall(data, state, 1.1) == pytest.approx(wanted, abs=2e-3)
     assert (turns.sum(axis=(1, 2)) > 1).all()
 
 

@@ -8,12 +8,12 @@ from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
     MARGIN,
+    PLANE_DISTANCE,
     TURNS_ONLY,
-    WATCHED,
-    agree,
     gets_plane,
-    to_give,
     trade_of,
+    trades,
+    way_to_give,
 )
 from pipeline.networks.refiner.programs import sides_of
 from pipeline.networks.refiner.refiner import MessagePassing
@@ -21,7 +21,7 @@ from pipeline.networks.refiner.refiner import MessagePassing
 
 def given(distance, dual, first_dual, trade=0.0):
     """What both craft are to give way, and what is needed of them together."""
-    one = to_give(*(np.array([x]) for x in (distance, dual, first_dual, trade)))
+    one = way_to_give(*(np.array([x]) for x in (distance, dual, first_dual, trade)))
     return one[0].tolist(), 1 + MARGIN - distance
 
 
@@ -61,11 +61,11 @@ def test_both_sides_find_the_same_trade_with_numpy_as_with_torch():
     torch.nn.init.normal_(network.offer.weight)
     pairs, seen = np.array([[0, 1], [1, 2], [0, 2]]), torch.randn(3, 2, FEATURES).double()
     free = torch.nn.functional.normalize(torch.randn(3, 30).double(), dim=1)
-    found = agree(network.weights, seen, free, sides_of(pairs)).detach()
-    turned = agree(network.weights, seen.flip(1), -free, sides_of(pairs[:, ::-1])).detach()
+    found = trades(network.weights, seen, free, sides_of(pairs)).detach()
+    turned = trades(network.weights, seen.flip(1), -free, sides_of(pairs[:, ::-1])).detach()
     assert found.abs().max() > 1e-3
     assert turned.tolist() == pytest.approx((-found).tolist(), abs=1e-12)
-    same = agree(network.arrays, plain(seen), plain(free), sides_of(pairs))
+    same = trades(network.arrays, plain(seen), plain(free), sides_of(pairs))
     assert same == pytest.approx(found.numpy(), rel=1e-9, abs=1e-12)
 
 
@@ -79,14 +79,14 @@ def test_message_passing_is_that_of_torch_s_own_layers():
     heard = network.tell(said).repeat(1, 1, 2)  # nobody else is there to be heard
     every = torch.cat([said, heard, heard.flip(1)], dim=2)
     one, other = network.offer(network.weigh(every))[..., 0].T
-    trade = agree(network.weights, seen, free, sides_of(np.array([[0, 1]])))
+    trade = trades(network.weights, seen, free, sides_of(np.array([[0, 1]])))
     assert trade.item() == pytest.approx(trade_of(one, other).item(), rel=1e-5)
 
 
 def test_planes_stand_where_pairs_turn_and_later_also_wherever_they_are_too_close():
     distance = np.array([0.9, 0.9, 1.05, 1.2, 1.4])
     turns = np.array([True, False, False, True, True])
-    assert 1.2 < WATCHED < 1.4
+    assert 1.2 < PLANE_DISTANCE < 1.4
     for number in range(TURNS_ONLY):
         assert gets_plane(distance, turns, number).tolist() == [True, False, False, True, False]
     assert gets_plane(distance, turns, TURNS_ONLY).tolist() == [True, True, False, True, False]

@@ -13,8 +13,9 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.files import write_text
 from pipeline.networks.architecture import find
 from pipeline.networks.model import load
-from pipeline.networks.refiner.model import SAFE, STEADY, cheapest_safe, problem_data
-from pipeline.networks.refiner.on_board.export import (
+from pipeline.networks.refiner.model import FOLDER, SAFE, STEADY, cheapest_safe, problem_data
+from pipeline.networks.refiner.on_board import STEPS, outputs
+from pipeline.networks.refiner.on_board_export import (
     CraftCheck,
     ExportedCraft,
     Files,
@@ -24,8 +25,6 @@ from pipeline.networks.refiner.on_board.export import (
     fly_rounds,
     together,
 )
-from pipeline.networks.refiner.on_board.steps import STEPS, outputs
-from pipeline.networks.refiner.packaged import FOLDER
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.provenance import made_with

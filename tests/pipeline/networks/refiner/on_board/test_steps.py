@@ -11,15 +11,17 @@ from tableaux import one_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
-from pipeline.networks.refiner.on_board.export import Discrepancy, compare, fly_rounds, together
-from pipeline.networks.refiner.on_board.steps import ROUND, STEPS, told_each_round
-from pipeline.networks.refiner.on_board.traced import (
+from pipeline.networks.refiner.on_board import (
+    ROUND,
+    STEPS,
     Tableau,
     decoupled_optimum,
     nearest,
     solve_one,
+    told_each_round,
     turns,
 )
+from pipeline.networks.refiner.on_board_export import Discrepancy, compare, fly_rounds, together
 from pipeline.networks.refiner.programs import LARGEST_DUAL, Sides, decoupled_optima, optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps

@@ -1,6 +1,6 @@
-"""Draw the picture of README: its swarm when each craft flies its own optimum, and by the expert.
+"""Draw README's picture, and those of examples.md: each scenario of examples/ by the expert.
 
-python docs/picture.py
+python docs/pictures.py
 """
 
 from pathlib import Path
@@ -9,37 +9,39 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.ticker import MaxNLocator
 
+import prolearn
 from pipeline.arrays import Array
-from pipeline.figures.style import CONFLICT_COLOUR, INITIAL_COLOUR, PAGE_WIDTH, in_style
-from pipeline.orbit.problem import Problem
-from pipeline.orbit.rings import pro_states
+from pipeline.figures.style import (
+    CONFLICT_COLOUR,
+    GOAL_COLOUR,
+    INITIAL_COLOUR,
+    PAGE_WIDTH,
+    in_style,
+)
 from pipeline.orbit.transfer import track
 from pipeline.planners.classical import BASELINES, Expert
-from pipeline.scenario import Scenario
+from prolearn import Ring, Scenario
 
-OUT = Path(__file__).parent / "images" / "transfer.png"
-
-STEPS = 24
-"""Points drawn in each interval."""
-
-OTHERS = "#b8b8b8"
-"""Colour of the craft that nobody comes close to."""
+HERE = Path(__file__).parent
+STEPS = 24  # points drawn in each interval of README's swarm
+OTHERS = "#b8b8b8"  # colour of the craft that nobody comes close to
+VIEWS = ((1, 0), (1, 2))  # of examples: axes across and up
+NAMES = ("radial (m)", "along-track (m)", "cross-track (m)")
+EXAMPLE_POINTS = 240  # drawn of each path of an example, or one a node
 
 Paths = Float[Array, "n k 3"]
 
 
-def ring(size: float, tilt: float, first_phase: float) -> Float[Array, "3 6"]:
-    """States of three equally spaced craft on a ring; size in m, angles in degrees."""
-    phase = np.radians(first_phase + np.array([0.0, 120.0, 240.0]))
-    return pro_states(size, float(np.radians(tilt)), phase, 0.0, Problem().mean_motion)
-
-
 def swarm() -> Scenario:
     """The first swarm of README: two rings of three craft change places."""
-    initial = np.concatenate([ring(150, 20, 0), ring(100, -20, 60)])
-    goal = np.concatenate([ring(100, -20, 45), ring(150, 20, 60)])
-    return Scenario(Problem(), initial, goal)
+    large, small = Ring(craft=3, size=150, tilt_deg=20), Ring(craft=3, size=100, tilt_deg=-20)
+    return prolearn.scenario(
+        initial=[large, small | {"first_phase_deg": 60}],
+        goal=[small | {"first_phase_deg": 45}, large | {"first_phase_deg": 60}],
+    )
 
 
 @in_style
@@ -115,10 +117,42 @@ def draw_distances(
     ax.legend(loc="upper center")
 
 
+@in_style
+def example_figure(scenario: Scenario) -> Figure:
+    """Paths in the orbit's plane and from outside it, from circles to dots."""
+    plan = Expert().plan([scenario])[0]
+    steps = max(1, EXAMPLE_POINTS // scenario.problem.intervals)
+    paths = track(plan.states, plan.controls, scenario.problem, steps)
+    flat = np.abs(paths[..., 2]).max() < 0.01 * np.abs(paths[..., 1]).max()
+    figure = Figure(figsize=(PAGE_WIDTH, 2.9), layout="constrained", facecolor="white")
+    views = VIEWS[:1] if flat else VIEWS
+    for ax, (across, up) in zip(np.ravel(figure.subplots(1, len(views))), views, strict=True):
+        draw_views(ax, paths[..., across], paths[..., up])
+        for one in scenario.obstacles:
+            size = one.semi_axes or (one.radius, one.radius, one.radius)
+            axes = [2 * (size[k] or 0.0) for k in (across, up)]
+            at = one.state[across], one.state[up]  # where it is at the first node
+            ax.add_patch(Ellipse(at, *axes, facecolor="#d9d9d9", edgecolor="#707070"))
+        ax.set_xlabel(NAMES[across])
+        ax.set_ylabel(NAMES[up])
+    return figure
+
+
+def draw_views(ax: Axes, across: Array, up: Array) -> None:
+    """Paths of all craft, (n, k) each way."""
+    ax.plot(across.T, up.T, color="#b8b8b8", linewidth=0.7)
+    ax.plot(across[:, 0], up[:, 0], "o", color=INITIAL_COLOUR, fillstyle="none", markersize=3.5)
+    ax.plot(across[:, -1], up[:, -1], "o", color=GOAL_COLOUR, markersize=2.5)
+    ax.xaxis.set_major_locator(MaxNLocator(6))
+
+
 def main() -> None:
-    """Write the picture."""
-    OUT.parent.mkdir(exist_ok=True)
-    transfer_figure(swarm()).savefig(OUT, dpi=200)
+    """Write the pictures."""
+    images = HERE / "images"
+    transfer_figure(swarm()).savefig(images / "transfer.png", dpi=200)
+    for file in sorted((HERE.parent / "examples").glob("*.json")):
+        scenario = prolearn.read_scenario(file)
+        example_figure(scenario).savefig(images / f"example-{file.stem}.png", dpi=100)
 
 
 if __name__ == "__main__":

@@ -16,10 +16,10 @@ from pipeline.arrays import Array
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_files import open_session, traced, write
+from pipeline.networks.onnx_export import open_session, traced, write
 from pipeline.networks.recipes import REFINER
-from pipeline.networks.refiner.model import play, problem_data, start
-from pipeline.networks.refiner.on_board.steps import (
+from pipeline.networks.refiner.model import problem_data, run_round, start
+from pipeline.networks.refiner.on_board import (
     ROUND,
     STEPS,
     TOLD,
@@ -58,7 +58,7 @@ and the place there."""
 def fly_rounds(
     run: Run, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
-    """Controls of all craft, m/s²: the decoupled optima, and after each round; by m and m/s."""
+    """Run all craft of a swarm: their controls, m/s², before and after each round."""
     swarm: list[AgentMemory] = [
         {"initial": start, "goal": end, "r_col": np.array(r_col)}
         for start, end in zip(initial, goal, strict=True)
@@ -78,7 +78,7 @@ def fly_rounds(
 
 
 def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
-    """Both sides of all encounters, which every craft finds by itself."""
+    """The encounters that each craft finds by itself, as edges from both sides."""
     places: dict[tuple[int, int, int], int] = {}
     for k, craft in enumerate(swarm if len(swarm) > 1 else ()):
         others = [j for j in range(len(swarm)) if j != k]
@@ -96,7 +96,7 @@ def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
 
 
 def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
-    """On each of some edges, a craft is told what has these names by the one that it meets."""
+    """Send values of these names along edges, from the other craft to each craft."""
     for name in names:
         for craft in swarm:  # who is told nothing knows nothing, but in the right shape
             if name in craft:
@@ -107,7 +107,7 @@ def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequen
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """How far the controls of one swarm are from those wanted."""
+    """Difference of one swarm's controls from those expected."""
 
     difference: float  # the largest, as a share of the largest control
     tie: bool  # whether another optimum of the same fuel was met, before which this holds
@@ -115,7 +115,7 @@ class Discrepancy:
 
 @dataclass(frozen=True)
 class CraftCheck:
-    """What was measured."""
+    """Accuracy and speed of exported steps."""
 
     swarms: int  # swarms that were flown
     ties: int  # those in which another optimum of the same fuel was met
@@ -174,7 +174,7 @@ def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
 
 
 def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Discrepancy:
-    """Controls before and after each round against those that are wanted.
+    """Compare controls before and after each round with those expected.
 
     A craft's program may have several optima that cost the same; then rounding decides between
     them, and the rounds after may differ. So rounds are compared up to the first that differs, and
@@ -202,7 +202,7 @@ def together(
     now = start(data)
     controls = [now.controls]
     for number in range(network.rounds):
-        now = play(network.arrays, data, now, number)
+        now = run_round(network.arrays, data, now, number)
         controls.append(now.controls)
     return np.stack(controls) * radius / problem.time_step**2
 
