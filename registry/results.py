@@ -1,8 +1,12 @@
-"""Runs of experiments in MLflow, with checksums of their files: recorded, found and read."""
+"""Runs of experiments in MLflow, with checksums of their files: recorded, found, read, resumed."""
 
+import hashlib
+import json
+import platform
 import re
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,14 +16,17 @@ import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.experiments.parts import Kept, kept_in
 from pipeline.progress import SILENT, Progress
+from pipeline.provenance import made_with
 from pipeline.scratch import scratch_folder
+from pipeline.storage.folder import open_folder
 from pipeline.storage.shards import digest_of
 from pipeline.storage.tables import table_bytes, table_from
 from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.running import recorded_run
-from registry.store import EVALUATION, Store, opened
+from registry.store import EVALUATION, Store, connect, opened
 
 LISTED = 5  # most runs that an error message names
 
@@ -31,6 +38,8 @@ LAST = 10**DIGITS - 1  # greatest number there is; runs that share one are order
 AT_ONCE = 20  # runs that are asked for at once; the newest are wanted most
 TABLE = "tables/table.parquet"  # a run's table, among its artifacts
 FILES = "files"  # the folder there of what goes with the table
+UNFINISHED = "mlruns/.unfinished"  # beside the store: parts of runs that are not finished
+KEY_DIGITS = 32  # hexadecimal digits of what decides the parts, in the name of their folder
 DIGEST = "sha256/"  # prefix of the tags that hold the SHA-256 of the file whose name follows
 
 _ARRAYS = re.compile(rf"{FILES}/[\w. -]+\.npz")
@@ -250,3 +259,28 @@ def _number(run: Any) -> int:
     """A run's number; 0 where it has none."""
     text = run.data.tags.get(SEQUENCE, "")
     return int(text) if re.fullmatch(f"[0-9]{{{DIGITS}}}", text) else 0
+
+
+@contextmanager
+def unfinished_parts(
+    experiment: str, decided_by: Mapping[str, Any], *, resume: bool, progress: Progress = SILENT
+) -> Iterator[Kept]:
+    """The parts that are done of an experiment, removed once the block has ended well.
+
+    With ``resume`` those of an earlier run that did not end are there, where what decides them was
+    the same, as were the versions and the machine, whose times they have; else they are removed.
+    InputError where another process is doing the same.
+    """
+    settings = {
+        **decided_by,
+        "made_with": dict(made_with(*EVALUATED_BY)),
+        "machine": platform.node(),
+    }
+    text = json.dumps(settings, sort_keys=True, default=str).encode()
+    name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
+    place = connect().beside / UNFINISHED
+    with kept_in(open_folder(place / name), EVALUATED_BY, again=resume, progress=progress) as kept:
+        yield kept
+    shutil.rmtree(place / name, ignore_errors=True)
+    with suppress(OSError):  # where other experiments are under way
+        place.rmdir()

@@ -40,9 +40,8 @@ from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from pipeline.urls import public_url
-from registry.results import Done, earlier_run, record
+from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
-from registry.unfinished import unfinished
 
 COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
@@ -95,7 +94,7 @@ class HeldOut:
         weights = [network.predictor.digest for network in self.networks]
         decided_by = {"params": params, "networks": weights}
         with (
-            unfinished(experiment, decided_by, resume=resume, progress=progress) as kept,
+            unfinished_parts(experiment, decided_by, resume=resume, progress=progress) as kept,
             scratch_folder() as scratch,
         ):
             table, used = make(scratch, kept), (self.settings.data, self.digest)
