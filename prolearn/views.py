@@ -17,8 +17,7 @@ from pipeline.files import write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan import Plan
 from pipeline.show import page
-from pipeline.tradeoff import Point, knee_of
-from pipeline.tradeoff.figure import tradeoff_figure
+from pipeline.tradeoff import Point, knee_of, tradeoff_figure
 from prolearn.flying import MonteCarlo
 
 STEPS = 24  # points drawn in each interval

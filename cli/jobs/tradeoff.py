@@ -13,8 +13,7 @@ from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
-from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff
-from pipeline.tradeoff.figure import tradeoff_figure
+from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff, tradeoff_figure
 
 PLANS = "plans"  # folder of the plans within that of the trade-off
 PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
