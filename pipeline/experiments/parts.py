@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Generic, TypeVar
 
 import pandas as pd
 
@@ -22,20 +22,16 @@ OWNED = r"table=\w+/part-\d{5,}\.parquet"  # pattern of the names of shards
 NO_CODE: DecidedBy = ((), ())
 
 
-@runtime_checkable
-class Part(Protocol):
+Of = TypeVar("Of")
+
+
+@dataclass(frozen=True, eq=False)
+class Part(Generic[Of]):
     """A task for a worker: what a table is made of."""
 
-    @property
-    def n(self) -> int:
-        """Spacecraft of its swarms."""
-
-    @property
-    def note(self) -> str:
-        """What progress is told when it is done."""
-
-
-Task = TypeVar("Task", bound=Part)
+    of: Of
+    n: int  # spacecraft of its swarms
+    note: str = ""  # what progress is told when it is done
 
 
 @dataclass(frozen=True)
@@ -84,8 +80,8 @@ def kept_in(
 
 def done_parts(
     name: str,
-    make: Callable[[Task], pd.DataFrame],
-    parts: Sequence[Task],
+    make: Callable[[Of], pd.DataFrame],
+    parts: Sequence[Part[Of]],
     *,
     workers: Workers | None,
     kept: Kept | None,
@@ -116,12 +112,12 @@ def done_parts(
 
 
 def _made(
-    make: Callable[[Task], pd.DataFrame],
+    make: Callable[[Of], pd.DataFrame],
     decided_by: DecidedBy,
     expected: Mapping[str, str],
-    task: tuple[int, Task],
+    task: tuple[int, Part[Of]],
     _: bytes,
 ) -> pd.DataFrame:
     """In a worker: the table of a part."""
     check_worker(expected, decided_by)
-    return make(task[1])
+    return make(task[1].of)

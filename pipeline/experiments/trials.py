@@ -15,7 +15,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.experiments import records
-from pipeline.experiments.parts import Kept, done_parts
+from pipeline.experiments.parts import Kept, Part, done_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
@@ -63,25 +63,6 @@ class Comparison:
     scenarios: Sequence[Scenario]
     note: str = ""  # what progress is told of it
 
-    @property
-    def n(self) -> int:
-        """Spacecraft."""
-        return self.scenarios[0].n
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What one planner does of a comparison, a task of a worker."""
-
-    one: EvaluatedPlanner
-    scenarios: Sequence[Scenario]
-    note: str
-
-    @property
-    def n(self) -> int:
-        """Spacecraft."""
-        return self.scenarios[0].n
-
 
 def run_trials(
     comparisons: Sequence[Comparison],
@@ -98,7 +79,11 @@ def run_trials(
     Progress is told of each planner in each comparison.
     """
     seconds = _times(comparisons, timed, kept)
-    parts = [_Part(one, each.scenarios, each.note) for each in comparisons for one in each.planners]
+    parts = [
+        Part((one, each.scenarios), each.scenarios[0].n, each.note)
+        for each in comparisons
+        for one in each.planners
+    ]
     tables = done_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
     for table, taken in zip(tables, seconds, strict=True):
         rows = table.index[table.reading != PREDICTED][: len(taken)]
@@ -107,15 +92,12 @@ def run_trials(
     return [pd.concat(islice(left, len(each.planners)), ignore_index=True) for each in comparisons]
 
 
-def _planned(part: _Part) -> pd.DataFrame:
+def _planned(of: tuple[EvaluatedPlanner, Sequence[Scenario]]) -> pd.DataFrame:
     """The rows of a planner, of its raw predictions first; none is timed."""
-    plans = part.one.planner.plan(part.scenarios)
-    flown = [
-        _trial(part.one, k, scenario, plan)
-        for k, (scenario, plan) in enumerate(zip(part.scenarios, plans, strict=True))
-    ]
-    predictor = part.one.predictor
-    raw = [] if predictor is None else _predicted(predictor, part.scenarios, flown)
+    one, scenarios = of
+    plans = one.planner.plan(scenarios)
+    flown = [_trial(one, k, plan) for k, plan in enumerate(plans)]
+    raw = [] if one.predictor is None else _predicted(one.predictor, scenarios, flown)
     return pd.DataFrame([*raw, *flown])
 
 
@@ -125,9 +107,9 @@ def _times(
     """Seconds to plan each of the first scenarios alone, by comparison and planner."""
     if not timed:
         return [[] for each in comparisons for _ in each.planners]
-    here = Workers(jobs=1)
-    make = partial(_timed, timed)
-    tables = done_parts("times", make, comparisons, workers=here, kept=kept, progress=SILENT)
+    here, make = Workers(jobs=1), partial(_timed, timed)
+    parts = [Part(each, each.scenarios[0].n) for each in comparisons]
+    tables = done_parts("times", make, parts, workers=here, kept=kept, progress=SILENT)
     return [table[name].to_list() for table in tables for name in table]
 
 
@@ -142,8 +124,8 @@ def _timed(timed: int, of: Comparison) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _trial(one: EvaluatedPlanner, trial: int, scenario: Scenario, plan: Plan) -> Trial:
-    certificate = plan.certificate
+def _trial(one: EvaluatedPlanner, trial: int, plan: Plan) -> Trial:
+    certificate, scenario = plan.certificate, plan.scenario
     return Trial(
         planner=one.planner.name,
         recipe=one.recipe,

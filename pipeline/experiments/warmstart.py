@@ -1,14 +1,13 @@
 """Runs of experiment 3: time that a seed saves the expert, and a plain SCP as the paper's."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from pipeline.experiments.parts import Kept, done_parts
+from pipeline.experiments.parts import Kept, Part, done_parts
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
@@ -26,21 +25,6 @@ Source = tuple[str, int]
 
 SeedMaker = Callable[[Scenario], Seed] | None
 Optimize = Callable[[Scenario, Seed | None], Plan]
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """One scenario, for every seed and rule; its number among those of its size."""
-
-    scenario: Scenario
-    trial: int
-    rules: Mapping[str, Optimize]  # by name
-    note: str = ""
-
-    @property
-    def n(self) -> int:
-        """Spacecraft."""
-        return self.scenario.n
 
 
 def run_warmstarts(
@@ -66,7 +50,7 @@ def run_warmstarts(
     parts = []
     for some in filter(None, sizes):
         rules = _rules(optimizer, some[0])
-        parts += [_Part(scenario, trial, rules) for trial, scenario in enumerate(some)]
+        parts += [Part((one, trial, rules), one.n) for trial, one in enumerate(some)]
         with threadpool_limits(1):
             for make in seeds.values():
                 _run(some[0], make, rules[CONVERGED])  # warm up
@@ -78,19 +62,20 @@ def run_warmstarts(
 def _started(
     optimizer: str,
     seeds: Mapping[Source, SeedMaker],
-    part: _Part,
+    part: tuple[Scenario, int, Mapping[str, Optimize]],
 ) -> pd.DataFrame:
-    """The rows of a scenario."""
+    """The rows of a scenario, by its number, under each rule of the optimizer."""
+    scenario, trial, rules = part
     sources = list(seeds)
-    first, rows = part.trial % len(sources), []
+    first, rows = trial % len(sources), []
     for source in sources[first:] + sources[:first]:
-        for rule, optimize in part.rules.items():
-            plan, seconds = _run(part.scenario, seeds[source], optimize)
+        for rule, optimize in rules.items():
+            plan, seconds = _run(scenario, seeds[source], optimize)
             rows.append(
                 WarmStart(
                     optimizer=optimizer,
-                    n=part.n,
-                    trial=part.trial,
+                    n=scenario.n,
+                    trial=trial,
                     seed=source[0],
                     training_seed=source[1],
                     rule=rule,
