@@ -15,10 +15,8 @@ import typer
 from typer.core import TyperGroup
 
 from cli.output import echo
-from pipeline.errors import InputError, ProlearnError
-from pipeline.extras import missing
-from pipeline.text import visible
-from pipeline.urls import public
+from pipeline.errors import InputError, ProlearnError, missing
+from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 

@@ -18,7 +18,7 @@ from cli.settings import (
     option,
 )
 from pipeline.errors import InputError
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from pipeline.orbit.reference_orbit import ReferenceOrbit

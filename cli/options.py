@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, get_type_hints
 import typer
 
 from pipeline.errors import InputError
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from cli.settings import WorkerSettings

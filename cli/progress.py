@@ -21,8 +21,7 @@ from rich.text import Text
 
 from cli.output import echo
 from pipeline.progress import Progress as JobProgress
-from pipeline.text import visible
-from pipeline.urls import public
+from pipeline.text import public, visible
 
 LINE_SECONDS = 5.0  # how often work that is not on a terminal says where it is
 

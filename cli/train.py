@@ -12,7 +12,7 @@ from cli.output import beside, echo, print_json, tell
 from cli.progress import progress
 from cli.settings import AsJson, TrainingSettings, TrainingWorkers, TuningSettings, flag, option
 from pipeline.errors import InputError
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from cli.jobs.train import Contest

@@ -9,8 +9,7 @@ from typing import Literal
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError
-from pipeline.extras import told_which_extra
+from pipeline.errors import InputError, told_which_extra
 from pipeline.figures.style import save
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text

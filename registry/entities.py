@@ -11,8 +11,7 @@ from typing import Any, SupportsFloat
 
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param
 
-from pipeline.text import visible
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url, visible
 
 TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"  # what MLflow calls a dataset's use
 

@@ -23,7 +23,7 @@ from mlflow.telemetry import set_telemetry_client
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url
 from registry.entities import pages
 from registry.running import FAILURES, close_abandoned
 

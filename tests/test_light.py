@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.extras import EXTRAS
+from pipeline.errors import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("prolearn", "pipeline", "registry", "cli")

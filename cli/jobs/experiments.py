@@ -39,7 +39,7 @@ from pipeline.planners.network import FallbackPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
-from pipeline.urls import public_url
+from pipeline.text import public_url
 from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 

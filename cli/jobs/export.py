@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from pipeline.errors import InputError
 from pipeline.files import write_text
-from pipeline.markdown import Markdown, code, formatted, table
+from pipeline.markup import Markdown, code, formatted, table, template
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
 from pipeline.networks.onnx_export import TOLERANCE, Exported
@@ -18,7 +18,6 @@ from pipeline.networks.refiner.on_board.export import TOLERANCE as CRAFT_TOLERAN
 from pipeline.networks.refiner.on_board.export import ExportedCraft, export_craft
 from pipeline.networks.refiner.on_board.steps import STEPS, outputs, value
 from pipeline.networks.refiner.packaged import FOLDER
-from pipeline.templates import template
 from registry.models import PREFIX, ModelVersion, load
 from registry.training import model_metric_by_size
 

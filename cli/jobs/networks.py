@@ -14,7 +14,7 @@ from pipeline.planners.named import refuse_effort, with_expert
 from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
-from pipeline.urls import public_url
+from pipeline.text import public_url
 from registry.models import ModelVersion, load, newest_trainings, resolve
 
 

@@ -12,7 +12,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import OPTIMIZERS
 from pipeline.experiments.trials import read_example
 from pipeline.figures.transfer import Example
-from pipeline.markdown import formatted
+from pipeline.markup import formatted
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder

@@ -25,9 +25,9 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
+from pipeline.text import public_url
 from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train, training_device
-from pipeline.urls import public_url
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import (

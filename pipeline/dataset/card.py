@@ -15,7 +15,7 @@ from pipeline.dataset.samples import PRESETS, Sample
 from pipeline.dataset.schema import COLUMNS, DataColumn
 from pipeline.errors import InputError
 from pipeline.expert import Settings
-from pipeline.markdown import Markdown, code, formatted, table, verbatim
+from pipeline.markup import Markdown, code, formatted, table, template, verbatim
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.plan import AT_ALL_TIMES, SOLVED
@@ -24,7 +24,6 @@ from pipeline.scenario import SPLITS
 from pipeline.scenario.families import FAMILIES
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.templates import template
 
 LICENCE = "mit"  # of data that come with prolearn: the project's own
 IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence

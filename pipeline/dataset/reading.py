@@ -13,7 +13,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import has_metadata, read_shard
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 LEARNED = ("initial", "goal", "states")  # columns that training reads
 SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from pipeline.figures.labels import percents
 from pipeline.files import write_text
-from pipeline.markdown import Markdown, table
-from pipeline.templates import template
+from pipeline.markup import Markdown, table, template
 from pipeline.text import visible
 
 INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."

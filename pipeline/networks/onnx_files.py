@@ -11,8 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pipeline.errors import ProlearnError
-from pipeline.extras import told_which_extra
+from pipeline.errors import ProlearnError, told_which_extra
 
 Axes = Mapping[str, Sequence[str | None]]
 """Names of the axes whose length may differ, by input or output; None for the others."""

@@ -10,11 +10,10 @@ from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from pipeline.errors import InputError, ProlearnError
-from pipeline.extras import told_which_extra
+from pipeline.errors import InputError, ProlearnError, told_which_extra
 from pipeline.parallel.processes import KEPT, SAME, WorkersLostError
 from pipeline.progress import Progress
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url
 
 if TYPE_CHECKING:
     from distributed import Client, Future
