@@ -19,8 +19,7 @@ def convert(
     plan: PlanFile,
     to: Annotated[Form, option("Format.")],
     out: Annotated[
-        Path | None,
-        option("A file or -, for OEM and OPM a folder; by default named as the plan."),
+        Path | None, option("A file or -, for OEM and OPM a folder; by default named as the plan.")
     ] = None,
     mass: Annotated[
         str | None,

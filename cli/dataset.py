@@ -8,15 +8,7 @@ import typer
 from cli.options import given_options, refuse, with_settings, workers_of
 from cli.output import beside, echo, print_json
 from cli.progress import progress
-from cli.settings import (
-    AsJson,
-    Family,
-    ProblemSettings,
-    Separation,
-    WorkerSettings,
-    flag,
-    option,
-)
+from cli.settings import AsJson, Family, ProblemSettings, Separation, WorkerSettings, flag, option
 from pipeline.errors import InputError
 from pipeline.text import public_url
 

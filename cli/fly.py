@@ -12,14 +12,7 @@ from cli.options import refuse, with_settings, workers_of
 from cli.output import echo, print_json, print_table
 from cli.plan_table import SIGNED, closest, orbit_said
 from cli.progress import progress
-from cli.settings import (
-    AsJson,
-    FlightConditions,
-    FlownTrials,
-    PlanFile,
-    WorkerSettings,
-    option,
-)
+from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of

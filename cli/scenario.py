@@ -15,6 +15,7 @@ from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
 from cli.output import echo, print_json, seen, stdout_free
 from cli.settings import (
+    ANGLES,
     AsJson,
     Family,
     InertialFiles,
@@ -51,7 +52,6 @@ DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 """Options of a draw, and what goes with what."""
 
-ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 REFERENCE = ("epoch", *ANGLES)  # its fields
 SHAPE = ("eccentricity", "argument_of_perigee_deg")
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for

@@ -5,6 +5,7 @@ values, and those of experiments become MLflow's parameters by the names of thei
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -30,6 +31,11 @@ def flag(name: str, text: str) -> Any:
     """An option without a value."""
     return typer.Option(name, help=text)
 
+
+_thrust = partial(option, rich_help_panel="Thrusters and burns")
+_states = partial(option, rich_help_panel="Inertial states of your own")
+_condition = partial(option, rich_help_panel="Conditions of the flight")
+_trial = partial(option, rich_help_panel="Trials with errors")
 
 AsJson = Annotated[bool, flag("--json", "Print one JSON document, and all else on stderr.")]
 Jobs = Annotated[int, option("Processes; -1 for all cores.")]
@@ -182,6 +188,14 @@ class WorkerSettings:
 
 
 @dataclass(frozen=True)
+class RunSettings(WorkerSettings):
+    """How an experiment is run: by whom, whether an earlier run counts, and what is printed."""
+
+    resume: Resume = False
+    as_json: AsJson = False
+
+
+@dataclass(frozen=True)
 class TrainingWorkers(WorkerSettings):
     """The processes that train, by default the command's own."""
 
@@ -213,10 +227,6 @@ class ProblemSettings:
         return Problem(mean_motion_at(self.altitude), **others)
 
 
-def _thrust(text: str, *names: str, **more: Any) -> Any:
-    return option(text, *names, rich_help_panel="Thrusters and burns", **more)
-
-
 @dataclass(frozen=True)
 class ThrustSettings:
     """Thrusters, their limits, and what is asked of burns; the same for every craft."""
@@ -243,16 +253,12 @@ class ThrustSettings:
 
     def fields(self, n: int) -> dict[str, Any]:
         """What is given, as fields of a scenario file of n craft."""
-        given = {name: value for name, value in vars(self).items() if value != _default(name)}
+        given = {k: v for k, v in vars(self).items() if v != getattr(ThrustSettings, k)}
         if self.no_burn:
             given["no_burn"] = [_window(text) for text in self.no_burn]
         if (left := given.pop("delta_v", None)) is not None:
             given["craft"] = [{"delta_v": left}] * n
         return given
-
-
-def _default(name: str) -> Any:
-    return getattr(ThrustSettings, name)
 
 
 def _window(text: str) -> list[float]:
@@ -264,10 +270,6 @@ def _window(text: str) -> list[float]:
             f"--no-burn is {text!r}; expected from and to in s, such as 300:500."
         ) from None
     return [begin, end]
-
-
-def _states(text: str, *names: str, **more: Any) -> Any:
-    return option(text, *names, rich_help_panel="Inertial states of your own", **more)
 
 
 @dataclass(frozen=True)
@@ -288,8 +290,7 @@ class InertialFiles:
     ] = None
     ballistic: Annotated[float | None, _states("Add drag: mean C_D A/m, m²/kg.", "--drag")] = None
     spread: Annotated[
-        float | None,
-        _states("By what share the first has less, the last more.", "--drag-spread"),
+        float | None, _states("By what share the first has less, the last more.", "--drag-spread")
     ] = None
 
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
@@ -303,10 +304,7 @@ class InertialFiles:
                 "--initial or --goal is missing; expected both where one of these, --chief or "
                 "--drag is given."
             )
-        if self.spread is not None and self.ballistic is None:
-            raise InputError(
-                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
-            )
+        _refuse_spread_alone(self)
         try:
             first = None if epoch is None else utc(epoch)
         except ValueError as error:
@@ -321,6 +319,16 @@ class InertialFiles:
             ballistic=self.ballistic,
             spread=self.spread or 0.0,
         )
+
+
+def _refuse_spread_alone(drag: "InertialFiles | FlightConditions") -> None:
+    if drag.spread is not None and drag.ballistic is None:
+        raise InputError(
+            f"--drag-spread is {drag.spread:g} without --drag; expected both: add --drag 0.01."
+        )
+
+
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")  # of an orbit's place
 
 
 @dataclass(frozen=True)
@@ -374,14 +382,10 @@ class OrbitPlace:
 
     def at(self, orbit: "ReferenceOrbit") -> "OrbitPlace":
         """The same with the osculating angles of an orbit, which the file has, if at an epoch."""
-        if self.epoch is None:
-            return replace(self, inclination_deg=None, raan_deg=None, argument_of_latitude_deg=None)
-        return replace(
-            self,
-            inclination_deg=orbit.inclination_deg,
-            raan_deg=orbit.raan_deg,
-            argument_of_latitude_deg=orbit.argument_of_latitude_deg,
+        angles = (
+            dict.fromkeys(ANGLES) if self.epoch is None else {k: vars(orbit)[k] for k in ANGLES}
         )
+        return replace(self, **angles)
 
 
 ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "none"]
@@ -455,10 +459,6 @@ class RiskSettings:
         return RiskLimit(**given)
 
 
-def _condition(text: str, *names: str) -> Any:
-    return option(text, *names, rich_help_panel="Conditions of the flight")
-
-
 @dataclass(frozen=True)
 class FlightConditions:
     """Conditions of a flight, by mean elements; None leaves a value to the scenario."""
@@ -494,16 +494,9 @@ class FlightConditions:
         """The conditions, and where the options say nothing the scenario's reference orbit."""
         from pipeline.flight.conditions import conditions_of
 
-        if self.spread is not None and self.ballistic is None:
-            raise InputError(
-                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
-            )
+        _refuse_spread_alone(self)
         given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}
         return replace(conditions_of(scenario), **given, j2=not self.no_j2)
-
-
-def _trial(text: str, *names: str, **more: Any) -> Any:
-    return option(text, *names, rich_help_panel="Trials with errors", **more)
 
 
 @dataclass(frozen=True)

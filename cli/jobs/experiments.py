@@ -91,7 +91,7 @@ class HeldOut:
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        weights = [network.predictor.digest for network in self.networks]
+        weights = [network.model.digest for network in self.networks]
         decided_by = {"params": params, "networks": weights}
         with (
             unfinished_parts(experiment, decided_by, resume=resume, progress=progress) as kept,
@@ -140,7 +140,7 @@ def evaluate(
         raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
     ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
     scenarios = ground.scenarios
-    planners = [*unlearned(), *(network.alone for network in ground.networks)]
+    planners = [*unlearned(), *(network.evaluated for network in ground.networks)]
 
     def run(files: Path, kept: Kept) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
@@ -168,7 +168,8 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
     ground = held_out(settings, int_list(sizes))
     scenarios = ground.scenarios
-    seeds = {(net.label, net.training_seed): net.predictor for net in ground.networks}
+    networks = ground.networks
+    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in networks}
 
     def run(_: Path, kept: Kept) -> pd.DataFrame:
         sizes = list(scenarios.values())
@@ -197,7 +198,7 @@ def transfer_times(
         fitting = unlearned()
         for network in ground.networks:
             with suppress(InputError):  # its weights are for another T
-                fitting.append(network.on(problem).alone)
+                fitting.append(network.on(problem).evaluated)
         return fitting
 
     def run(_: Path, kept: Kept) -> pd.DataFrame:
@@ -208,7 +209,7 @@ def transfer_times(
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
         "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
-        "networks": listed(network.label for network in ground.networks),
+        "networks": listed(one.evaluated.label for one in ground.networks),
     }
     return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
 
@@ -233,10 +234,10 @@ def flights(
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
     shortest = replace(scenarios[0].problem, nodes=SHORTEST)
     for network in ground.networks:
-        network.predictor.on(shortest)  # refuses weights that fit one T alone
+        network.on(shortest)  # refuses weights that fit one T alone
     safe = [
-        EvaluatedPlanner(FallbackPlanner(network.planner), network.recipe, network.training_seed)
-        for network in ground.networks
+        replace(one.evaluated, planner=FallbackPlanner(one.planner), predictor=None)
+        for one in ground.networks
     ]
 
     def run(_: Path, kept: Kept) -> pd.DataFrame:
@@ -251,6 +252,6 @@ def flights(
             progress=progress,
         )
 
-    params = {"networks": listed(network.label for network in ground.networks)}
+    params = {"networks": listed(one.evaluated.label for one in ground.networks)}
     params["larger"] = f"{len(larger)} of n={LARGEST_SIZE}" if larger else ""
     return ground.run(FLIGHTS, params, run, resume=resume, progress=progress)

@@ -18,23 +18,28 @@ from pipeline.text import public_url
 from registry.models import ModelVersion, load, newest_trainings, resolve
 
 
-@dataclass(frozen=True, kw_only=True)
-class EvaluatedNetwork(EvaluatedPlanner):
-    """A registered network, flown and as predicted, named by version too where trainings differ."""
+@dataclass(frozen=True, eq=False)
+class EvaluatedNetwork:
+    """A registered network in the experiments, named by version too where trainings differ."""
 
-    planner: NetworkPlanner
-    predictor: Model
+    model: Model
     version: ModelVersion
+    name: str
 
     @property
-    def alone(self) -> EvaluatedPlanner:
-        """The same without its version, for workers, who need not know of MLflow."""
-        return EvaluatedPlanner(self.planner, self.recipe, self.training_seed, self.predictor)
+    def planner(self) -> NetworkPlanner:
+        """It as a planner, whose plans can be flown."""
+        return NetworkPlanner(self.model, self.name)
+
+    @property
+    def evaluated(self) -> EvaluatedPlanner:
+        """It flown and as predicted, for workers, who need not know of MLflow."""
+        of = self.version
+        return EvaluatedPlanner(self.planner, of.recipe, of.training_seed, self.model)
 
     def on(self, problem: Problem) -> "EvaluatedNetwork":
         """The same network for another time grid; InputError where its weights do not fit."""
-        model = self.predictor.on(problem)
-        return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
+        return replace(self, model=self.model.on(problem))
 
 
 def newest_on(data: Where) -> list[ModelVersion]:
@@ -69,15 +74,7 @@ def networks(references: Sequence[str], data: Where, arch: str = "") -> list[Eva
         name = f"{version.arch}/{version.version}" if mixed else version.arch
         model, _ = load(version)
         check_problem(model, problem, public_url(data))
-        found.append(
-            EvaluatedNetwork(
-                planner=NetworkPlanner(model, name),
-                recipe=version.recipe,
-                training_seed=version.training_seed,
-                predictor=model,
-                version=version,
-            )
-        )
+        found.append(EvaluatedNetwork(model, version, name))
     return found
 
 

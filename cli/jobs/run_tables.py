@@ -90,12 +90,13 @@ def add_to_model(
     network: EvaluatedNetwork, trials: pd.DataFrame, scenario: Scenario, dataset: tuple[str, str]
 ) -> None:
     """Add metrics, figures and the dataset (folder, digest) of an evaluation to a network's run."""
-    same = (trials.planner == network.planner.name) & (trials.recipe == network.recipe)
-    mine = summarize(trials[same & (trials.training_seed == network.training_seed)])
+    one = network.evaluated
+    same = (trials.planner == network.name) & (trials.recipe == one.recipe)
+    mine = summarize(trials[same & (trials.training_seed == one.training_seed)])
     beside = summarize(trials[trials.planner == Expert().name])
-    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), network]
+    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), one]
     paper, style = sizes_of_paper(summary), styles(summary["planner"])
-    metrics = _metrics(mine, network.predictor.n_train)
+    metrics = _metrics(mine, network.model.n_train)
     with scratch_folder() as scratch:
         for name in ("collisions", "fuel", "safe"):
             figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)
