@@ -72,7 +72,6 @@ def sample(
 
 
 def _orbit(text: str) -> "ReferenceOrbit":
-    """The reference orbit of JSON text."""
     from pipeline.documents import document_from
     from pipeline.scenario.orbit_document import OrbitDocument
 

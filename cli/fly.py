@@ -241,7 +241,6 @@ def _verdict(report: Mapping[str, Any]) -> str:
 
 
 def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
-    """How close a craft comes to another, or to an obstacle, after a loss of thrust."""
     drift, radius = report["passive_safety"] or {}, report["collision_radius"]
     clear = drift.get("clearance")
     if not (clear or drift.get("pair")):
@@ -259,7 +258,6 @@ def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _corridor(report: Mapping[str, Any]) -> Iterator[str]:
-    """How far inside of its corridor a craft stays, or outside it comes."""
     if found := report.get("corridor"):
         by, where = found["min_margin"], f"corridors[{found['corridor']}] at {found['time']:.0f} s"
         kept = "Not kept: craft" if found["min_margin_bound"] <= 0 else "Craft"

@@ -164,7 +164,6 @@ def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
 
 
 def _targets(scenarios: list[Path], out: Path) -> list[Path]:
-    """Where each plan goes."""
     if len(scenarios) == 1 and (out == STDIO or (not out.is_dir() and out.suffix)):
         return [out]
     if out == STDIO:

@@ -178,7 +178,6 @@ def _risk(row: Row) -> list[str]:
 
 
 def _share(row: Row) -> list[str]:
-    """The largest share of its Δv that a craft burns, and what no plan is below."""
     share = row["largest_share"]
     if share is None:
         return [MISSING] * 2
@@ -186,7 +185,6 @@ def _share(row: Row) -> list[str]:
 
 
 def _burn(row: Row) -> list[str]:
-    """The smallest burn, and the fuel that leaving smaller ones out costs."""
     burn = row["smallest_burn"]
     if burn is None:
         return [MISSING] * 2

@@ -262,7 +262,6 @@ class ThrustSettings:
 
 
 def _window(text: str) -> list[float]:
-    """A stretch of time, written as 300:500, s."""
     try:
         begin, end = map(float, text.split(":"))
     except ValueError:

@@ -220,7 +220,6 @@ def _versions(store: Store) -> list[ModelVersion]:
 
 
 def _described(found: Any, run: Any) -> ModelVersion:
-    """The ModelVersion of an MLflow model version and its training run, if there is one."""
     tags = dict(found.tags)
     return ModelVersion(
         name=found.name,

@@ -146,7 +146,6 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
 
 
 def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
-    """The store with experiments in it, by where their artifacts go."""
     given = os.environ.get("MLFLOW_TRACKING_URI")
     mlflow.set_tracking_uri(uri)
     # MLflow writes the address into the environment, where it would outlive a change of folder.

@@ -105,7 +105,6 @@ def export(
 def _model_card(
     version: ModelVersion, model: Model, exported: Exported, measured: Measured, sha256: str
 ) -> str:
-    """The card of an ONNX file as Markdown; ``sha256`` is the file's."""
     checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
     times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
     nodes = model.problem.nodes
@@ -136,7 +135,6 @@ def _model_card(
 def _craft_card(
     version: ModelVersion | None, model: Model, exported: ExportedCraft, measured: Measured
 ) -> str:
-    """The card of a refiner's files for one craft as Markdown; the packaged one has no version."""
     files = [
         (
             code(f"{name}.onnx"),
@@ -183,7 +181,6 @@ def _content(name: str) -> Markdown:
 
 
 def _training(version: ModelVersion | None, model: Model) -> Markdown:
-    """What it was trained on, as far as the registry or the model itself knows."""
     problem = model.problem
     rows: list[tuple[str, object]] = [
         ("spacecraft in each", model.n_train),

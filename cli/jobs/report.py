@@ -115,7 +115,6 @@ def _model_names(run: Run) -> list[str]:
 
 
 def _models_of(run: Run) -> list[ModelVersion]:
-    """The models of a run that are still registered."""
     wanted = _model_names(run)
     return [version for version in list_versions() if version.uri in wanted]
 
@@ -156,7 +155,6 @@ def _without_faulty(
 def _results(
     parts: Mapping[str, Found], examples: Sequence[Example], notes: Sequence[str]
 ) -> Results:
-    """The tables that a report is made from, and what is said of them."""
     training, curves = training_tables(parts[EVALUATED].models)
     tables: dict[str, list[pd.DataFrame]] = {}
     for part in parts.values():

@@ -120,6 +120,18 @@ class AskedTraining:
         digest = read_manifest(settings.data).digest(settings.n)
         return cls(arch, seed, settings, digest)
 
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe that it follows."""
+        return followed_recipe(self.arch, self.seed, self.settings)
+
+    def examples(self, progress: Progress) -> tuple[ExampleSource, ExampleSource]:
+        """What it learns from, and what decides which weights are kept."""
+        how, memory = self.settings, self.settings.memory * 1e9
+        return sources(
+            self.recipe, how.data, how.n, seed=self.seed, memory=memory, progress=progress
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class FinishedTraining:
@@ -140,7 +152,7 @@ def train_model(
     the loss diverges or the tracking store fails.
     """
     asked = AskedTraining.of(arch, seed, settings)
-    data = _examples(asked, progress)
+    data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after
     finished = _learned(asked, data, progress)
     version = _recorded(asked, finished)
@@ -180,33 +192,25 @@ def _learned_there(
             f"{public_url(how.data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
-    return _learned(asked, _examples(asked, SILENT), SILENT)
-
-
-def _examples(asked: AskedTraining, progress: Progress) -> tuple[ExampleSource, ExampleSource]:
-    """What a training learns from, and what decides which weights are kept."""
-    how, seed, memory = asked.settings, asked.seed, asked.settings.memory * 1e9
-    recipe = followed_recipe(asked.arch, seed, how)
-    return sources(recipe, how.data, how.n, seed=seed, memory=memory, progress=progress)
+    return _learned(asked, asked.examples(SILENT), SILENT)
 
 
 def _learned(
     asked: AskedTraining, data: tuple[ExampleSource, ExampleSource], progress: Progress
 ) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
-    arch, seed, how = asked.arch, asked.seed, asked.settings
-    recipe, (learn, valid) = followed_recipe(arch, seed, how), data
-    trained = train(arch, recipe, learn, valid, seed=seed, device=how.device, progress=progress)
+    how, seed, (learn, valid) = asked.settings, asked.seed, data
+    of = asked.arch, asked.recipe, learn, valid
+    trained = train(*of, seed=seed, device=how.device, progress=progress)
     trials = validation_trials(trained.model, how.data, how.n)
     error = position_rmse(trained.model, valid)
     return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
 
 
 def _recorded(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
-    """Record a training and register its model."""
     return record_training(
         finished.trained,
-        recipe=followed_recipe(asked.arch, asked.seed, asked.settings),
+        recipe=asked.recipe,
         seed=asked.seed,
         dataset=DatasetInfo(asked.settings.data, asked.digest, *finished.instances),
         metrics={POSITION_RMSE: finished.error} | flown_metrics(finished.trials),

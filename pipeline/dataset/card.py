@@ -114,7 +114,6 @@ def _configurations(files: Sequence[File]) -> list[Mapping[str, Any]]:
 
 
 def _paths(files: Sequence[File]) -> Iterator[str]:
-    """Names of files, or one pattern for all of a swarm size."""
     for n, some in _by_size(files):
         every = len(some) == some[0].shard.sample.shards
         yield from [f"n={n}/*.parquet"] if every else [file.shard.solved for file in some]
@@ -238,7 +237,6 @@ def _contents(
 
 
 def _origin(manifest: Manifest) -> Mapping[str, Any]:
-    """Values for the template on how the dataset was made."""
     made, preset = manifest.made_with, preset_of(manifest)
     samples = sorted(manifest.samples.items())
     sizes = {way: [n for n, one in samples if one == way] for _, way in samples}
@@ -266,7 +264,6 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
 
 
 def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
-    """Values for the template on how good the plans are."""
     solved = rows[rows["status"] == SOLVED]
     gaps = solved["optimality_gap"].quantile(list(QUANTILES))
     numbers = []
@@ -336,7 +333,6 @@ def _options(sample: Sample, problem: Problem) -> Iterator[str]:
 
 
 def _orbit(problem: Problem) -> str:
-    """The reference orbit in words."""
     orbit = problem.orbit
     if orbit is None:
         altitude = altitude_of(problem.mean_motion) / 1e3

@@ -111,7 +111,6 @@ def planned_values(
 
 
 def _trials(summary: pd.DataFrame) -> str:
-    """How many scenarios of each n."""
     sizes = summary.groupby("n")["trials"].max()
     return " and ".join(f"{trials:,} of n = {n}" for n, trials in sizes.items())
 

@@ -118,6 +118,5 @@ def _made(
     task: tuple[int, Part[Of]],
     _: bytes,
 ) -> pd.DataFrame:
-    """In a worker: the table of a part."""
     check_worker(expected, decided_by)
     return make(task[1].of)

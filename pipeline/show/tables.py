@@ -95,7 +95,6 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
 
 
 def _motion(plan: Plan) -> str:
-    """Which motion a certificate is about."""
     if plan.as_flown:
         return "the flight about the reference orbit, in all terms"
     circle = plan.scenario.problem.orbit is None
@@ -103,7 +102,6 @@ def _motion(plan: Plan) -> str:
 
 
 def _fuel(scenario: Scenario) -> str:
-    """What fuel is, by the kind of thrust."""
     kinds = {COMPONENTS: "Fuel Σ‖u‖₁ (Eq. 4)", NORM: "Fuel Σ‖u‖₂"}
     model = scenario.problem.thrust.model
     return kinds[model] if isinstance(model, str) else "Fuel, sum of all thrusts"
@@ -155,7 +153,6 @@ def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
 
 
 def _corridor_rows(inside: CorridorMargin | None) -> Rows:
-    """How far inside of their corridors craft stay, where there are any."""
     if inside is None:
         return []
     where = f"craft {inside.craft} in corridor {inside.corridor}, at {inside.time:.1f} s"
@@ -167,7 +164,6 @@ def _corridor_rows(inside: CorridorMargin | None) -> Rows:
 
 
 def _waypoint_rows(found: Certificate) -> Rows:
-    """Largest errors at waypoints, in position and velocity, where there are any."""
     position, velocity = found.waypoint_error, found.waypoint_velocity_error
     if position is None or velocity is None:
         return []
@@ -210,7 +206,6 @@ def _risk_rows(found: Certificate) -> Rows:
 
 
 def _passive_safety_rows(found: Certificate) -> Rows:
-    """What follows a loss of thrust, where the file says something of it."""
     drifting = found.passive_safety
     if drifting is None:
         return []
@@ -252,7 +247,6 @@ def scenario_rows(scenario: Scenario) -> Rows:
 
 
 def _size_rows(scenario: Scenario) -> Rows:
-    """Radii of craft, and obstacles, where there are any."""
     inside = [(f"Corridor {k}", _corridor(one)) for k, one in enumerate(scenario.corridors)]
     if not scenario.sized:
         return inside
@@ -266,7 +260,6 @@ def _size_rows(scenario: Scenario) -> Rows:
 
 
 def _corridor(one: Corridor) -> str:
-    """A corridor, in words."""
     who = ", ".join(map(str, one.craft)) or "all"
     return f"{one.inside}, craft {who}, {one.begin:g} to {one.end:g} s"
 
@@ -293,7 +286,6 @@ def _limit_rows(scenario: Scenario) -> Rows:
 
 
 def _own(craft: Spacecraft) -> str:
-    """The limits of one craft of its own."""
     limits = (
         (craft.max_acceleration, 1e3, "mm/s² a component"),
         (craft.max_acceleration_norm, 1e3, "mm/s² in norm"),
@@ -308,7 +300,6 @@ def _windows(no_burn: Windows) -> str:
 
 
 def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
-    """A reference orbit that is no circle, or has perturbations."""
     if orbit is None:
         return []
     drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"
