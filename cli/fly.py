@@ -228,7 +228,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         error(row["goal_error"]),
         error(1e3 * row["goal_velocity_error"]),
         MISSING if plan else error(row["added_error"]),
-        MISSING if plan or row["share"] is None else f"{row['share']:.0%}".replace("-0%", "0%"),
+        MISSING if plan or row["share"] is None else f"{row['share']:z.0%}",
         *closest(row),
     ]
 

@@ -97,11 +97,6 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     return sorted(numbers)
 
 
-def float_list(text: str, option: str) -> Sequence[float]:
-    """Numbers written as 60 or 60,72.5,240, ascending."""
-    return sorted(set(numbers(text, option)))
-
-
 def numbers(text: str, option: str) -> Sequence[float]:
     """Numbers written as 60 or 60,72.5,240, in this order."""
     try:

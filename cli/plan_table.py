@@ -52,7 +52,7 @@ def print_plans(rows: Sequence[Row]) -> None:
         if any(row[name] for row in rows):
             headings += names
             for row, line in zip(rows, lines, strict=True):
-                line += extra(row)
+                line += extra(row) if row[name] else [MISSING] * len(names)
     print_table(
         headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if wrong(row)]
     )
@@ -117,17 +117,12 @@ def _print_craft(row: Row) -> None:
     ]
     columns = [column for column in columns if column[2]]
     if len(row["craft_delta_v"]) <= MOST_CRAFT:
-        lines = [
-            [str(k), *map(number, of)]
-            for k, of in enumerate(zip(*(c[2] for c in columns), strict=True))
-        ]
         headings = ["craft", *(heading for heading, _, _ in columns)]
+        cells = [list(map(number, of)) for _, _, of in columns]
         if row["craft_share"]:
             headings.append("of what\nit may")
-            lines = [
-                [*line, f"{one:.1%}"] for line, one in zip(lines, row["craft_share"], strict=True)
-            ]
-        print_table(headings, lines)
+            cells.append([f"{one:.1%}" for one in row["craft_share"]])
+        print_table(headings, [[str(k), *of] for k, of in enumerate(zip(*cells, strict=True))])
         return
     spans = [f"{number(min(of))} to {number(max(of))} m/s {name}" for _, name, of in columns]
     echo(f"Δv of each craft: {', '.join(spans)}.")
@@ -146,19 +141,17 @@ def who(row: Row) -> str:
 def _adrift(row: Row) -> list[str]:
     """The craft adrift that comes closest to another, since which node, and how close."""
     found = row["passive_safety"]
-    if found and (clear := found.get("clearance")):
+    if clear := found.get("clearance"):
         return [f"{clear['craft']}@{clear['node']}", f"{clear['min_clearance']:+.2f}"]
-    if found is None or found["pair"] is None:
+    if found["pair"] is None:
         return [MISSING] * 2
     return [f"{found['pair'][0]}@{found['node']}", f"{found['min_separation']:.2f}"]
 
 
 def _saved(row: Row) -> list[str]:
     """What the assignment saves at least, of the least fuel in the given order."""
-    assignment = row["assignment"]
-    if assignment is None or assignment["saving"] is None:
-        return [MISSING]
-    return [f"{assignment['saving']:.1%}".replace("-0.0%", "0.0%")]
+    saving = row["assignment"]["saving"]
+    return [MISSING if saving is None else f"{saving:z.1%}"]
 
 
 def _risk(row: Row) -> list[str]:
@@ -167,8 +160,6 @@ def _risk(row: Row) -> list[str]:
     With feedback also what its corrections add.
     """
     risk = row["risk"]
-    if risk is None:
-        return [MISSING] * 2
     bare, feedback = risk["fuel_without"], risk["feedback"]
     costs = f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING
     if bare and feedback:
@@ -179,15 +170,11 @@ def _risk(row: Row) -> list[str]:
 
 def _share(row: Row) -> list[str]:
     share = row["largest_share"]
-    if share is None:
-        return [MISSING] * 2
     return [f"{share['share']:.2%}", f"{share['bound']:.2%}"]
 
 
 def _burn(row: Row) -> list[str]:
     burn = row["smallest_burn"]
-    if burn is None:
-        return [MISSING] * 2
     least, bare = burn["least"], burn["fuel_without"]
     return [
         MISSING if least is None else number(1e3 * least),

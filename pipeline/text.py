@@ -33,9 +33,8 @@ _BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the s
 def public(text: object, *urls: object) -> str:
     """A sentence, or a URL without spaces, without the secrets of the URLs in it.
 
-    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are. The secrets of
-    ``urls`` that it may be about are removed in any form: with spaces, without the scheme, or
-    quoted alone.
+    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are. Secrets of ``urls``
+    are removed in any form: with spaces, without the scheme, or quoted alone.
     """
     shown = str(text)
     for url in map(str, urls):

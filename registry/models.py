@@ -111,11 +111,10 @@ def list_versions() -> list[ModelVersion]:
 
 
 def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVersion]:
-    """The newest trainings of each architecture and recipe that differ in their seed alone.
+    """The newest training of each architecture, recipe and seed.
 
-    Of those trained on other data or with other settings, only those like the newest count; of
-    several trainings with one seed the newest. With digests of data, by swarm size, only those
-    that were trained on it.
+    Of an architecture and recipe only trainings on the same data with the same settings as the
+    newest count. With digests of data, by swarm size, only those trained on it.
     """
     wanted = set(digests.items()) if digests is not None else None
     versions = [v for v in list_versions() if wanted is None or (v.n, v.dataset_digest) in wanted]

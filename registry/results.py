@@ -265,11 +265,10 @@ def _number(run: Any) -> int:
 def unfinished_parts(
     experiment: str, decided_by: Mapping[str, Any], *, resume: bool, progress: Progress = SILENT
 ) -> Iterator[Kept]:
-    """The parts that are done of an experiment, removed once the block has ended well.
+    """Finished parts of an experiment that has not ended, removed once the block has ended well.
 
-    With ``resume`` those of an earlier run that did not end are there, where what decides them was
-    the same, as were the versions and the machine, whose times they have; else they are removed.
-    InputError where another process is doing the same.
+    With ``resume`` those of an earlier run are used where settings, versions and machine are the
+    same; else they are removed. InputError where another process is doing the same.
     """
     settings = {
         **decided_by,

@@ -216,10 +216,10 @@ def database_path(uri: str) -> Path:
 
 @contextmanager
 def guarded(path: Path, *, create: bool) -> Iterator[None]:
-    """Hold the lock beside a database that MLflow may open, create and set up in the block.
+    """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
-    MLflow's migrations of a fresh file collide when several processes start them at once. An
-    InputError says where the file is missing and not to be made, or is no store of MLflow.
+    Migrations of a fresh file collide when several processes start them at once. InputError where
+    the file is missing and not to be made, or is no store of MLflow.
     """
     if not path.exists():
         if not create:

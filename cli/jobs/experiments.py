@@ -10,7 +10,7 @@ import pandas as pd
 
 from cli.jobs.networks import EvaluatedNetwork, networks, unlearned
 from cli.jobs.run_tables import add_to_model
-from cli.options import float_list, int_list, name_list
+from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
@@ -75,12 +75,11 @@ class HeldOut:
         resume: bool,
         progress: Progress,
     ) -> Done:
-        """Run and record an experiment; with ``resume``, return an equal earlier run instead.
+        """Run and record an experiment; with ``resume``, go on with an earlier run, or return it.
 
-        Of one that did not come to its end, ``resume`` uses the parts that were done. ``params``
-        are those that its settings leave open or do not have; ``make`` gives a row for each trial,
-        keeps its parts and leaves files in a folder; ``kind`` names settings that tell kinds of its
-        runs apart.
+        ``params`` are parameters beside the settings, or in place of those that they leave open.
+        ``make`` makes the table, a row for each trial, keeps its parts, and writes files to a
+        folder. ``kind`` names settings that tell kinds of the experiment's runs apart.
         """
         params = {
             **vars(self.settings),
@@ -103,10 +102,10 @@ class HeldOut:
 
 
 def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: str = "") -> HeldOut:
-    """The test scenarios and networks of an experiment; of each size the first scenarios by index.
+    """The test scenarios and networks of an experiment.
 
-    Without sizes those of the dataset, and without models in the settings the newest trained on it
-    take part, of ``arch`` alone if given. An InputError names models or sizes that cannot.
+    Sizes are by default those of the dataset, networks the newest trained on it, of one
+    architecture alone if given. InputError for models or sizes that cannot take part.
     """
     data, trials = settings.data, settings.trials
     if trials is not None and trials < 1:
@@ -188,7 +187,7 @@ def transfer_times(
 ) -> Done:
     """Experiment 4: the same ends with other transfer times."""
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
-    time_steps = None if steps is None else float_list(steps, "--time-step")
+    time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     ground = held_out(settings, [settings.n])
     scenarios = ground.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
@@ -223,8 +222,7 @@ def flights(
 ) -> Done:
     """Experiment 5: plans are flown, those of networks made safe first where they are not.
 
-    Swarms of the paper's largest size fly beside those that were asked for, where the dataset has
-    any.
+    Swarms of the paper's largest size fly, too, where the dataset has any.
     """
     ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []

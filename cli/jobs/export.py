@@ -59,13 +59,12 @@ def export(
     n: int | None = None,
     flown: bool = False,
 ) -> ExportedModel:
-    """Export a registered model or the packaged refiner as ONNX, its card as ``<out>.md``.
+    """Export a registered model or the packaged refiner (None) as ONNX, its card as ``<out>.md``.
 
-    A refiner becomes a folder of files, named as the file would be but without ``.onnx``; None is
-    the packaged one, which needs no store. The file, by default ``<name>-v<version>.onnx`` here, is
-    for n craft, or any number that the architecture answers for; ``flown`` projects the prediction
-    onto the transfers that can be flown. A refiner takes neither. A ProlearnError says where the
-    file does not answer as the model does.
+    A refiner becomes a folder of files, named as the file would be but without ``.onnx``, and takes
+    neither n nor ``flown``. Other files are for n craft, by default any number that the
+    architecture answers for; ``flown`` projects predictions onto transfers that can be flown.
+    ProlearnError where a file does not answer as the model does.
     """
     model, version = (load_network(FOLDER), None) if reference is None else load(reference)
     names = () if version is None else ("uri", "run_id", "dataset_digest")

@@ -56,11 +56,10 @@ def newest_on(data: Where) -> list[ModelVersion]:
 
 
 def networks(references: Sequence[str], data: Where, arch: str = "") -> list[EvaluatedNetwork]:
-    """The networks of some references; without any, the newest that were trained on some data.
+    """Networks by reference; without any, the newest trained on some data.
 
-    These are of one architecture alone where it is given. The order is the same whatever that of
-    the references is. An InputError names a model that is none, or of another orbit or time grid
-    than the data's.
+    The latter are of one architecture if given. InputError for a reference that is no model, or a
+    model of another orbit or time grid than the data's.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
     chosen = named or [v for v in newest_on(data) if arch in ("", v.arch)]
@@ -87,10 +86,9 @@ def unlearned() -> list[EvaluatedPlanner]:
 def model_planner(
     reference: str, requirements: Requirements, *, effort: str | None, raw: bool
 ) -> Planner:
-    """The planner that a reference to a model names; InputError where there is none.
+    """The planner of a registered model; InputError where there is none.
 
-    The expert comes after it with some effort, of EFFORTS, as in ``with_expert``: unless ``raw``,
-    which leaves the model's flown plan as it is, safe or not, and goes with no effort.
+    The expert comes after it, as in ``with_expert``, unless ``raw``, which takes no effort.
     """
     if raw:
         refuse_effort(effort)

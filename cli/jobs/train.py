@@ -67,12 +67,12 @@ def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
 def trained_before(
     arch: str, seed: int, settings: TrainingSettings, progress: Progress = SILENT
 ) -> tuple[ModelVersion, Contest | None] | None:
-    """The newest version that was trained like this, by this code, on the same data, if any.
+    """The newest version trained by this code with the same recipe, seed and data, if any.
 
-    It must have been trained on the device of the settings where they name one. Where its training
+    It counts for a device that the settings name only if it was trained there. Where its training
     was killed before it was compared with the champion, it is now, and the outcome is returned.
-    ``progress`` is told where other versions trained one like this, which does not count. An
-    InputError names what is unknown or makes no sense.
+    Progress is told of a version trained by other versions of the code. InputError for unknown
+    names.
     """
     wanted = {
         **recipe_params(followed_recipe(arch, seed, settings)),
@@ -164,8 +164,8 @@ def train_models(
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order asked.
 
-    Workers read the data where the settings say, and give networks back. This process registers
-    each as soon as it is done, and compares them with champions, in the order asked, at the end.
+    Workers read the data where the settings say. This process registers each network as soon as it
+    is done, and compares them with champions at the end.
     """
     progress.expect(len(asked))
     connect()
@@ -183,7 +183,7 @@ def train_models(
 def _learned_there(
     expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
 ) -> FinishedTraining:
-    """In a worker: a training; ProlearnError for other versions, or other data, than asked for."""
+    """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
     check_worker(expected, TRAINED_BY)
     asked = task[1]
     how = asked.settings

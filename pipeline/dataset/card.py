@@ -63,10 +63,10 @@ class File:
 
 
 def files_by_split(files: Sequence[File]) -> dict[str, list[File]]:
-    """Files by the hub's name of the split of their rows; hubs give a file to one split alone.
+    """Files by the hub's name of the split of their rows.
 
-    Splits that have a file in common go together, under their names joined, such as
-    ``validation_test``: so a split is there whole, or not by itself.
+    Hubs give a file to one split alone, so splits that have a file in common go together, under
+    their names joined, such as ``validation_test``.
     """
     held = {file.shard.solved: file.shard.sample.splits_of(file.shard.number) for file in files}
     found: dict[str, list[File]] = {}
@@ -167,9 +167,9 @@ def write_card(
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
-    The licence of the data is an identifier such as "mit" or "cc-by-4.0"; ``replace`` also a
-    README.md that says something else. A dataset that is not wholly solved, a damaged shard,
-    another README.md and what is no licence are InputErrors.
+    The licence is an identifier such as "mit" or "cc-by-4.0"; with ``replace`` another README.md is
+    written over. InputError for a dataset that is not wholly solved or is damaged, another
+    README.md, or no licence.
     """
     if not IDENTIFIER.fullmatch(licence):
         raise InputError(

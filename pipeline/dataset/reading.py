@@ -121,7 +121,7 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
 
 
 def _chosen(table: pa.Table, split: str) -> pa.Table:
-    """The solved rows of a split; the table itself where that is all of them, as it mostly is."""
+    """The solved rows of a split; the table itself where that is all of its rows."""
     fits = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
     return table if pc.all(fits).as_py() else table.filter(fits)
 

@@ -61,7 +61,7 @@ Rows = Bool[Array, "N"]
 
 
 def stands_alone(content: bytes) -> bool:
-    """Whether bytes are a shard whose rows are sound, whatever dataset they are of."""
+    """Whether bytes are a shard with sound rows, of whatever dataset."""
     try:
         table = decode(content, ANY)
         return table.num_rows > 0 and _is_sound(table)
@@ -142,7 +142,7 @@ def _judged(
     problem: Problem,
     requirements: Requirements,
 ) -> tuple[list[dict[str, str]], Float[Array, "N"]]:
-    """What rows do not satisfy, and their least separation, m; of rows that are finite."""
+    """What each row violates, and its least separation, m; nothing and NaN where not finite."""
     wrong: list[dict[str, str]] = [{} for _ in states]
     apart = np.full(len(states), np.nan)
     finite = [np.isfinite(part).all(axis=(1, 2, 3)) for part in (states, controls, ends)]
@@ -313,7 +313,7 @@ def _faults(check: Check, content: bytes | str) -> list[Fault]:
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
-    """Why a table is another than its shard is meant to have, or nothing."""
+    """How a table differs from what its shard must hold; empty where it does not."""
     if not table.schema.equals(pa.schema(FIELDS[check.kind])):
         return "has other columns than a dataset of this version"
     if check.kind != "timings" and not has_metadata(table, shard.metadata(check.name)):

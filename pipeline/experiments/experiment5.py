@@ -236,11 +236,11 @@ def _markers_figure(
     look: Mapping[str, Style],
     faces: tuple[str, str],
 ) -> tuple[Figure, Any]:
-    """Panels with a marker for each row of a summary, whose first line of panels has shares.
+    """Panels with a marker for each row of a summary; shares are in the first line of panels.
 
-    A column of them for the rows of each title, which say where ``at`` a marker stands, whether
-    it is ``hollow``, and whether it is ``ranged``; a line for each label, with sources as of
-    ``_markers``. Faces are what full and hollow markers mean.
+    A column of panels for each title in ``shown``, whose rows have columns ``at`` (abscissa),
+    ``hollow`` and ``ranged``; a line for each label in ``drawn``, with sources as of ``_markers``.
+    Faces are labels of full and hollow markers.
     """
     figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(len(drawn), len(shown), sharex=True, sharey="row", squeeze=False)
@@ -345,10 +345,10 @@ HOLD_AS_FLOWN: Rules = (
 
 
 def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
-    """Whether plans that were made as flown hold without errors, for each planner that makes any.
+    """Whether plans made as flown hold without errors, for each planner that makes any.
 
-    They do where no pair comes within the collision radius and no craft ends ``MET`` from its goal,
-    in any flight.
+    They do where in no flight a pair comes within the collision radius, or a craft ends ``MET``
+    from its goal.
     """
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     found = []
@@ -363,7 +363,7 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
 
 
 def _claim(flights: pd.DataFrame) -> str:
-    """What planning as flown changes, in numbers."""
+    """Close approaches and errors at goals of plans as flown, and of linear plans, in words."""
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     said = {
         planned: (int(some["within_radius"].sum()), len(some), some["goal_error"].max())

@@ -32,9 +32,9 @@ MOST_FLIGHTS = 10_000  # of one scenario, side by side
 
 @dataclass(frozen=True, eq=False)
 class ScenarioFlights:
-    """All flights of one scenario: its number, who plans, worlds, draws and their root seed.
+    """All flights of one scenario.
 
-    In these worlds plans fly in all loops, with errors and without; elsewhere without in open loop.
+    In ``worlds`` plans fly in all loops, with and without errors; elsewhere without in open loop.
     """
 
     trial: int
@@ -58,17 +58,23 @@ def run_flights(
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
 
-    A planner plans anew for itself. With feedback its plan is one as flown, of risk RISK with the
-    same errors. Baselines know no separation: none has a loop with margin, and with feedback they
-    fly their one plan. Plans of others that are made as flown about each of ORBITS are flown there
-    without errors in open loop, beside those for the linear model.
+    A planner replans its own plans. With feedback a plan is made as flown, for RISK with the same
+    errors. Baselines know no separation: they have no loop with margin, and with feedback fly their
+    one plan. Plans of others are also made as flown about each of ORBITS, and flown there without
+    errors in open loop beside those for the linear model.
 
-    Scenarios are of one problem and one n. So many flights are draws of errors for each of them;
-    without errors one says all. Larger scenarios, of another n, fly with errors, in closed loop,
-    and those of baselines, in the world of TYPICAL alone. The seed is the root of errors, and of
-    where on their orbits references begin. A row a flight, columns of Flight; the same for any
-    number of workers, by default all cores of this machine. Progress is told of each scenario.
-    InputError for no flights, or a seed that is none.
+    Args:
+        planners: who plans.
+        scenarios: of one problem and one n.
+        flights: draws of errors for each scenario; flights without errors are flown once.
+        larger: scenarios of another n, flown in the world of TYPICAL alone.
+        seed: root seed of errors, and of where on their orbits references begin.
+        workers: by default all cores of this machine; the result does not depend on them.
+        kept: parts of an earlier run.
+        progress: is told of each scenario.
+
+    Returns:
+        A row for each flight, columns of Flight.
     """
     check_range("flights", flights, 1, MOST_FLIGHTS)
     check_seed(seed)
@@ -85,10 +91,9 @@ def run_flights(
 def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearWorld]:
     """The nonlinear worlds of a scenario, by name.
 
-    Where the reference's perigee is, and where it is itself at the first node, is drawn uniformly
-    for each scenario, the same for all eccentricities; else conditions are the usual ones. Orbits
-    near a circle have the scenario's mean motion; others have their perigee at its altitude, since
-    with that mean motion they would meet the Earth.
+    The reference's argument of perigee and its argument of latitude at the first node are drawn
+    uniformly for each scenario, the same for all eccentricities. Orbits near a circle have the
+    scenario's mean motion, with which others would meet the Earth: their perigee is that high.
     """
     perigee, latitude = np.random.default_rng([seed, trial]).uniform(0.0, 360.0, 2).tolist()
     usual = Conditions(argument_of_perigee_deg=perigee, argument_of_latitude_deg=latitude)
@@ -174,7 +179,7 @@ def _ways(
 def _with_risk(
     planner: Planner, scenario: Scenario, world: NonlinearWorld | None
 ) -> tuple[Plan, str]:
-    """A plan of risk RISK with feedback, made for a world or the linear one, and which."""
+    """A plan for RISK with feedback, as flown in a world or for the linear one, and which."""
     limit = RiskLimit(records.RISK, closed_loop=True, errors=COLD_GAS)
     careful = requiring(planner, replace(planner.requirements, risk=limit))
     if world is None:

@@ -36,7 +36,7 @@ class Part(Generic[Of]):
 
 @dataclass(frozen=True)
 class Kept:
-    """Finished parts of one experiment in a folder, and what decides them beside its settings."""
+    """Finished parts of one experiment in a folder."""
 
     ledger: Ledger[ShardList]
     decided_by: DecidedBy  # workers must have the same versions of it
@@ -60,7 +60,7 @@ class Kept:
 def kept_in(
     folder: Folder, decided_by: DecidedBy, *, again: bool, progress: Progress
 ) -> Iterator[Kept]:
-    """The parts in a folder of an experiment's own, which is held for the block.
+    """Open a folder of finished parts of an experiment, locked for the block.
 
     Parts of an earlier run are used ``again``, or removed. InputError where another process holds
     the folder.

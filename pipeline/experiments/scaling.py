@@ -49,10 +49,10 @@ def sections(
 
 
 def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
-    """Trials of the sizes above n = 30, and of the largest up to it, of the planners to show.
+    """Trials of sizes above n = 30 and of the largest up to it; none without sizes above.
 
-    These are SHOWN, and networks as they are flown: one for the paper's, by validation (all of
-    them where that was not recorded), and every other. There are none without such a size.
+    They are of the planners SHOWN and of networks as flown: of the paper's the one that is best on
+    validation (all where that was not recorded), and every other.
     """
     rows = trials[trials["reading"] != PREDICTED]
     sizes = rows["n"].astype(int)

@@ -32,7 +32,7 @@ NAN = float("nan")
 
 @runtime_checkable
 class Predictor(Protocol):
-    """Whatever answers with trajectories that need not be flyable."""
+    """A network that predicts trajectories, which need not be flyable."""
 
     def predict(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
@@ -72,11 +72,11 @@ def run_trials(
     kept: Kept | None = None,
     progress: Progress = SILENT,
 ) -> list[pd.DataFrame]:
-    """A table of each comparison: a row a trial, columns of Trial; the same for any workers.
+    """A table of each comparison: a row for each trial, columns of Trial.
 
-    So many scenarios of each as are ``timed`` are first planned one at a time by this process, the
-    planners in turn so that the machine's noise falls on all alike, before any worker begins.
-    Progress is told of each planner in each comparison.
+    The first ``timed`` scenarios of each are planned one at a time by this process before any
+    worker begins, the planners in turn so that the machine's noise falls on all alike. Progress is
+    told of each planner in each comparison. The tables do not depend on the workers.
     """
     seconds = _times(comparisons, timed, kept)
     parts = [
@@ -185,10 +185,10 @@ PlannersFor = Callable[[Problem], Sequence[EvaluatedPlanner]]
 def variations(
     problem: Problem, nodes: Sequence[int], time_steps: Sequence[float] | None = None
 ) -> list[tuple[str, Problem]]:
-    """Every T at the Δt of a training's problem, and every Δt (s) at its T, with which it varies.
+    """Problems with every T at the problem's Δt, and with every Δt (s) at its T, and what varies.
 
     By default those Δt that take as long as the numbers of nodes. InputError for fewer than 3
-    nodes, or a step that is no positive number.
+    nodes, or a step that is not positive.
     """
     if time_steps is None:
         time_steps = [problem.time_step * (T - 1) / problem.intervals for T in nodes]

@@ -208,9 +208,9 @@ VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
 def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     """The network that stands for those in some rows: the only one, or the best on validation.
 
-    That is the cheapest of those that are as safe as the safest, but for chance: whose share of
-    safe scenarios is within Wilson's interval of the highest. None where trainings did not record
-    it: no network is chosen by the trials themselves.
+    The best is the cheapest of those as safe as the safest, whose share of safe scenarios is within
+    Wilson's interval of the highest. None where trainings did not record it: trials choose no
+    network.
     """
     names = names_in(rows)
     if len(names) == 1:

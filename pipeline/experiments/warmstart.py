@@ -37,11 +37,10 @@ def run_warmstarts(
 ) -> pd.DataFrame:
     """Every seed and rule on every scenario: a row each, columns of WarmStart.
 
-    All run on one thread of this process, the seeds of a scenario directly after each other, begun
-    with another one each time, so that the machine's noise falls on all alike.
-
-    The raw predictions of networks, by name and training seed, are seeds beside those of SEEDS.
-    Scenarios are of one problem, those of each size of one n; progress is told of each.
+    All run on one thread of this process. The seeds of a scenario follow each other directly, begun
+    with another one each time, so that the machine's noise falls on all alike. Raw predictions of
+    networks, by name and training seed, are seeds beside those of SEEDS. Progress is told of each
+    scenario.
     """
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:

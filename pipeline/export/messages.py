@@ -94,8 +94,7 @@ def _comments(text: str) -> list[str]:
 def write_ephemerides(plan: Plan, folder: Path, name: str) -> list[Path]:
     """Write an OEM for each craft into a folder, a segment for each interval of constant thrust.
 
-    Thrust jumps at nodes, and no interpolation may reach across a jump. Files of craft that an
-    earlier plan had there, and this one has not, are removed. Objects are named by ``name``.
+    No interpolation may reach across a node, where thrust jumps. Objects are named by ``name``.
     """
     arcs = thrust_arcs(plan)
 
@@ -172,8 +171,7 @@ def _segment(plan: Plan, arcs: SampledArcs, craft: int, arc: int, name: str) -> 
 def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None) -> list[Path]:
     """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
 
-    A manoeuvre is the velocity that a burn adds, in EME2000. Files of craft that an earlier plan
-    had there, and this one has not, are removed. Objects are named by ``name``.
+    A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.
 
     Raises:
         InputError: without a reference orbit, masses or a specific impulse, or for states that are

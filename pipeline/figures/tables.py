@@ -11,9 +11,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.figures.labels import percents
-from pipeline.files import write_text
+from pipeline.files import write_rows
 from pipeline.markup import Markdown, table, template
-from pipeline.text import visible
 
 INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."
 
@@ -77,8 +76,7 @@ class Section:
     """Text with tables and figures in it.
 
     A template places them by ``{% call table(x) %}caption{% endcall %}`` and
-    ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs, and other ends
-    of lines are as good as spaces.
+    ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs.
     """
 
     template: str  # path, as for ``pipeline.templates.template``
@@ -113,11 +111,8 @@ class Writer:
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV, which appears whole; invisible characters become escapes."""
-    shown = frame.copy()
-    for name, column in frame.select_dtypes(["object", "string"]).items():
-        texts = [visible(value) if isinstance(value, str) else value for value in column]
-        shown[name] = pd.Series(texts, frame.index, dtype=object)
-    write_text(path, shown.rename(columns=visible).to_csv(index=False, lineterminator="\n"))
+    known = frame.astype(object).where(frame.notna(), None)
+    write_rows(path, frame.columns, known.itertuples(index=False))
 
 
 def file_name(name: str) -> str:

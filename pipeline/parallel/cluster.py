@@ -78,10 +78,10 @@ class Cluster:
             return True
 
     def results(self, calls: Iterator[Callable[[], Any]]) -> Iterator[Any]:
-        """Results of calls in the order in which they are done; what one raises is raised.
+        """Results of calls in the order in which they are done; raises what a call raises.
 
-        A call is drawn when its turn comes, so not all need to fit in memory at once.
-        WorkersLostError where workers are; calls without a result are to be made again.
+        A call is drawn at its turn, so that not all need to fit in memory. WorkersLostError where
+        workers are lost; calls without a result are to be made again.
         """
         done: SimpleQueue[Future] = SimpleQueue()
         under_way = 0

@@ -164,12 +164,14 @@ def _corridor_rows(inside: CorridorMargin | None) -> Rows:
 
 
 def _waypoint_rows(found: Certificate) -> Rows:
-    position, velocity = found.waypoint_error, found.waypoint_velocity_error
-    if position is None or velocity is None:
-        return []
+    errors = (
+        ("position", "m", found.waypoint_error),
+        ("velocity", "m/s", found.waypoint_velocity_error),
+    )
     return [
-        ("Waypoints missed by, position", f"{error(position)} m"),
-        ("Waypoints missed by, velocity", f"{error(velocity)} m/s"),
+        (f"Waypoints missed by, {of}", f"{error(missed)} {unit}")
+        for of, unit, missed in errors
+        if missed is not None
     ]
 
 
@@ -227,8 +229,7 @@ def scenario_rows(scenario: Scenario) -> Rows:
     """The scenario."""
     problem = scenario.problem
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
-    most = problem.max_acceleration
-    limit = "none" if most is None else f"{1000 * most:g} mm/s²"
+    limit = _milli(problem.max_acceleration, "mm/s²", "none")
     eccentricity = 0.0 if problem.orbit is None else problem.orbit.eccentricity
     altitude = radius_at(problem.mean_motion) * (1 - eccentricity) - R_EARTH
     lowest = "at perigee " if eccentricity else ""
@@ -266,23 +267,24 @@ def _corridor(one: Corridor) -> str:
 
 def _limit_rows(scenario: Scenario) -> Rows:
     """What the scenario says of thrust beyond a limit on its components."""
-    thrust = scenario.problem.thrust
-    rows = []
+    thrust, kind = scenario.problem.thrust, ""
     if thrust.model != COMPONENTS:
         kind = "one that is pointed" if thrust.model == NORM else f"{len(thrust.model)} directions"
-        rows.append(("Thrusters", kind))
-    if thrust.max_acceleration_norm is not None:
-        most = f"{1000 * thrust.max_acceleration_norm:g} mm/s²"
-        rows.append(("Limit on the norm of thrust", most))
-    if thrust.min_delta_v is not None:
-        rows.append(("Smallest impulse bit", f"{1000 * thrust.min_delta_v:g} mm/s"))
-    if thrust.no_burn:
-        rows.append(("No craft burns", _windows(thrust.no_burn)))
-    if thrust.objective == "fair":
-        rows.append(("What is least", "the largest share that a craft burns of its Δv"))
-    return rows + [
-        (f"Craft {k} of its own", own) for k, one in enumerate(scenario.craft) if (own := _own(one))
+    fair = thrust.objective == "fair"
+    rows = [
+        ("Thrusters", kind),
+        ("Limit on the norm of thrust", _milli(thrust.max_acceleration_norm, "mm/s²")),
+        ("Smallest impulse bit", _milli(thrust.min_delta_v, "mm/s")),
+        ("No craft burns", _windows(thrust.no_burn)),
+        ("What is least", "the largest share that a craft burns of its Δv" if fair else ""),
+        *((f"Craft {k} of its own", _own(one)) for k, one in enumerate(scenario.craft)),
     ]
+    return [row for row in rows if row[1]]
+
+
+def _milli(value: float | None, unit: str, other: str = "") -> str:
+    """A value in thousandths of its SI unit, or another text where there is none."""
+    return other if value is None else f"{1000 * value:g} {unit}"
 
 
 def _own(craft: Spacecraft) -> str:
