@@ -50,8 +50,8 @@ def sample(
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
         prolearn sample --orbit '{"semi_major_axis": 8e6}' --out data/e
     """
+    from pipeline.dataset.making import sample as run
     from pipeline.dataset.samples import Sample
-    from pipeline.dataset.sampling import sample as run
 
     try:
         train, valid, test = (float(part) for part in shares.split(","))
@@ -135,8 +135,8 @@ def make(
                 f"{context.invoked_subcommand}."
             )
         return
+    from pipeline.dataset.making import sample as run
     from pipeline.dataset.samples import PRESETS
-    from pipeline.dataset.sampling import sample as run
     from pipeline.orbit.problem import Problem
 
     folder = out or f"data/{preset}"
@@ -246,7 +246,7 @@ def _solve(
     separation: Literal["continuous", "nodes"] = "continuous",
     solver: Literal["simplex", "clarabel"] = "simplex",
 ) -> None:
-    from pipeline.dataset.solving import solve as run
+    from pipeline.dataset.making import solve as run
     from pipeline.expert import Settings
     from pipeline.plan import Requirements
 

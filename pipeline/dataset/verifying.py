@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
+from pipeline.dataset.making import complete, refuse_versions
 from pipeline.dataset.manifest import (
     BESIDE,
     OWNED,
@@ -28,7 +29,6 @@ from pipeline.dataset.schema import (
     scenarios_of,
     stacked,
 )
-from pipeline.dataset.solving import complete, refuse_versions
 from pipeline.documents import CHECKSUM, parsed
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE

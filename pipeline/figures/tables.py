@@ -79,7 +79,7 @@ class Section:
     ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs.
     """
 
-    template: str  # path, as for ``pipeline.templates.template``
+    template: str  # path, as for ``pipeline.markup.template``
     values: Mapping[str, Any]  # of the names in the template
 
 

@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 from cli.jobs.networks import unlearned
 from cli.main import app
 from cli.progress import each, progress
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

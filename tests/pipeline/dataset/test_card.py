@@ -26,10 +26,9 @@ from pipeline.dataset.card import (
     ranges,
     write_card,
 )
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import PRESETS, Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings

@@ -10,9 +10,8 @@ import pytest
 from contents import content
 from judge import judge_dataset
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import repair, verify
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
