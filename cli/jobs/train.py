@@ -28,18 +28,10 @@ from pipeline.storage.folder import Where
 from pipeline.text import public_url
 from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train, training_device
+from registry import models
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
-from registry.models import (
-    ModelVersion,
-    champion_of,
-    list_versions,
-    load,
-    note_contest,
-    recipe_params,
-    resolve,
-    set_champion,
-)
+from registry.models import ModelVersion
 from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
@@ -75,7 +67,7 @@ def trained_before(
     names.
     """
     wanted = {
-        **recipe_params(followed_recipe(arch, seed, settings)),
+        **models.recipe_params(followed_recipe(arch, seed, settings)),
         "arch": arch,
         "seed": seed,
         "n_spacecraft": settings.n,
@@ -86,7 +78,7 @@ def trained_before(
     kind = "" if settings.device == "auto" else training_device(settings.device).type
     found = [
         (version, changed_since(version.tags, TRAINED_BY))
-        for version in list_versions()
+        for version in models.list_versions()
         if same <= version.params.items() and version.params.get("device", "").startswith(kind)
     ]
     current = [version for version, change in found if not change]
@@ -99,7 +91,7 @@ def trained_before(
     version = current[-1]
     if version.contest:
         return version, None
-    model, _ = load(version)
+    model, _ = models.load(version)
     trials = validation_trials(model, settings.data, version.n)
     return version, challenge(version, trials, settings.data)
 
@@ -240,18 +232,18 @@ def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
 
 def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
     """Make a new version the champion where it does better on its validation data."""
-    champion = champion_of(version.name)
+    champion = models.champion_of(version.name)
     if champion is None or champion.version == version.version:
         first = version.version == 1
         reason = "the first version of its model" if first else "there is no other"
-        champion = set_champion(version)
+        champion = models.set_champion(version)
     else:
         try:
             better, reason = _compared(version, trials, champion, data)
-            champion = set_champion(version) if better else champion
+            champion = models.set_champion(version) if better else champion
         except InputError as error:
             reason = f"version {champion.version} cannot be compared: {error}"
-    note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
+    models.note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
     return Contest(champion, reason)
 
 
@@ -263,13 +255,13 @@ def promote(
     The validation split of the data decides, by default of what the version was trained on;
     with ``force`` nothing is compared. An InputError says why it does not become it.
     """
-    version = resolve(f"{name}/{number}")
-    champion = champion_of(version.name)
+    version = models.resolve(f"{name}/{number}")
+    champion = models.champion_of(version.name)
     if force or champion is None or champion.version == version.version:
-        return set_champion(version), ""
+        return models.set_champion(version), ""
     where = data or version.params.get("dataset", "")
     try:
-        mine = validation_trials(load(version)[0], where, version.n)
+        mine = validation_trials(models.load(version)[0], where, version.n)
         better, reason = _compared(version, mine, champion, where)
     except InputError as error:
         raise InputError(
@@ -281,14 +273,14 @@ def promote(
             f"{reason}; expected a version that does better: give --force to promote it all "
             "the same."
         )
-    return set_champion(version), reason
+    return models.set_champion(version), reason
 
 
 def _compared(
     version: ModelVersion, mine: pd.DataFrame, champion: ModelVersion, data: Where
 ) -> tuple[bool, str]:
     """Whether a version, by its trials, is better than the champion, and the figures in words."""
-    theirs = validation_trials(load(champion)[0], data, version.n)
+    theirs = validation_trials(models.load(champion)[0], data, version.n)
     if mine.empty or theirs.empty:
         raise InputError("there are no validation scenarios")
     compared = compare(mine, theirs, "fuel")
