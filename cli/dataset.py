@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli.options import given_options, refuse, with_settings, workers_of
-from cli.output import beside, echo, print_json
+from cli.output import echo, print_json, stdout_for_document
 from cli.progress import progress
 from cli.settings import AsJson, Family, ProblemSettings, Separation, WorkerSettings, flag, option
 from pipeline.errors import InputError
@@ -211,7 +211,7 @@ def verify(
     if yes and not mend:
         raise InputError("--yes is given without --repair; expected both, or neither.")
     checking = workers_of(context, workers)
-    with beside(as_json), progress("mending" if mend else "verifying") as shown:
+    with stdout_for_document(as_json), progress("mending" if mend else "verifying") as shown:
         if mend:
             faults = repair(folder, yes=yes, workers=checking, progress=shown)
         else:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.options import with_settings, workers_of
-from cli.output import beside, tell
+from cli.output import print_result, stdout_for_document
 from cli.progress import progress
 from cli.settings import (
     AsJson,
@@ -114,12 +114,12 @@ def _run(
     from cli.jobs.run_tables import averages
 
     workers = {} if context is None else {"workers": workers_of(context, how)}
-    with beside(how.as_json), progress(doing) as shown:
+    with stdout_for_document(how.as_json), progress(doing) as shown:
         outcome = job(settings, progress=shown, resume=how.resume, **workers)
         rows = averages(outcome.run_id) if how.as_json else []
     when = " before" if outcome.earlier else ""
     said = f"{done}{when}; MLflow run {outcome.run_id}. Next: prolearn report"
-    tell(how.as_json, {**vars(outcome), "averages": rows}, said)
+    print_result(how.as_json, {**vars(outcome), "averages": rows}, said)
 
 
 def report(
@@ -142,6 +142,6 @@ def report(
     """
     from cli.jobs.report import report as job
 
-    with beside(as_json):
+    with stdout_for_document(as_json):
         files = job(out, evaluation)
-    tell(as_json, files, f"The report is {files.html} (and {files.markdown}).")
+    print_result(as_json, files, f"The report is {files.html} (and {files.markdown}).")

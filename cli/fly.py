@@ -10,7 +10,7 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings, workers_of
 from cli.output import echo, print_json, print_table
-from cli.plan_table import SIGNED, closest, orbit_said
+from cli.plan_table import SIGNED, closest_cells, orbit_in_words
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
 from pipeline.errors import InputError
@@ -204,7 +204,7 @@ HEADINGS = (
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
     of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
-    said = orbit_said(of)
+    said = orbit_in_words(of)
     echo(said[0].upper() + said[1:])
     near = [k for k, row in enumerate(rows) if _is_near(row, safe)]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
@@ -229,7 +229,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         error(1e3 * row["goal_velocity_error"]),
         MISSING if plan else error(row["added_error"]),
         MISSING if plan or row["share"] is None else f"{row['share']:z.0%}",
-        *closest(row),
+        *closest_cells(row),
     ]
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.app import not_over, told_if_stopped, within_memory
+from cli.app import explained_interrupt, refuse_overwriting, within_memory
 from cli.options import refuse, with_settings
-from cli.output import beside, echo, print_json, print_table, stdout_free
-from cli.plan_table import HEADINGS, cells, print_plans, who, wrong
+from cli.output import echo, print_json, print_table, stdout_for_document, stdout_free
+from cli.plan_table import HEADINGS, is_unsolved, plan_cells, planner_cell, print_plans
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, flag, option
 from pipeline.errors import InputError
@@ -120,7 +120,7 @@ def plan(
         refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
-        not_over(path, target)
+        refuse_overwriting(path, target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
     if world:
         for path, one in zip(scenarios, asked, strict=True):
@@ -138,7 +138,7 @@ def plan(
     def kept() -> str:
         return f"{len(rows)} of {len(asked)} plans {'was' if len(rows) == 1 else 'were'} written."
 
-    with told_if_stopped(kept), progress("planning") as shown, within_memory():
+    with explained_interrupt(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
             for made in chosen.plan(group):
@@ -151,7 +151,7 @@ def plan(
                 files = {"scenario": str(path), "plan": str(target)}
                 rows.append({**files, **summary(made), **more, **of})
                 shown.done()
-    with beside(not to_people):
+    with stdout_for_document(not to_people):
         print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
 
@@ -205,14 +205,14 @@ def tradeoff(
     required, assignment = Requirements(settings.separation), settings.assignment
     planner = planner_of(settings.planner, required, settings.effort, assignment=assignment)
     folder = settings.out or Path(f"{stem_of(scenario)}-tradeoff")
-    stopped = told_if_stopped(lambda: "the trade-off is not complete.")
+    stopped = explained_interrupt(lambda: "the trade-off is not complete.")
     with stopped, progress("planning") as shown, within_memory():
         rows = trade(scenario, planner, folder, settings, durations, shown)
     if as_json:
         print_json({"scenario": str(scenario), "goal": settings.goal, "points": rows})
     else:
         _print_curve(rows, folder)
-    raise typer.Exit(int(all(wrong(row) for row in rows)))
+    raise typer.Exit(int(all(is_unsolved(row) for row in rows)))
 
 
 def seconds(text: str) -> tuple[float, float]:
@@ -234,13 +234,13 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
         bound = row["delta_v_lower_bound"]
         least = MISSING if bound is None else number(bound)
         mark = "knee" if row["knee"] else ""
-        lines.append([_minutes(row), who(row), *cells(row), least, mark])
+        lines.append([_minutes(row), planner_cell(row), *plan_cells(row), least, mark])
     headings = ("transfer\nmin", "planner", *HEADINGS, "bound\nm/s", "")
     print_table(
-        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if wrong(row)]
+        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if is_unsolved(row)]
     )
     for row in rows:
-        if wrong(row):
+        if is_unsolved(row):
             echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
     bent = [row for row in rows if row["knee"]]
     for row in bent:

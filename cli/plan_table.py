@@ -20,19 +20,19 @@ HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apa
 SIGNED = "apart with a sign: by how much more than sizes of craft and obstacles ask for."
 
 
-def cells(row: Row) -> list[str]:
+def plan_cells(row: Row) -> list[str]:
     """What stands under HEADINGS."""
     gap = row["optimality_gap"]
     return [
         number(row["fuel"]),
         number(row["delta_v"]),
         MISSING if gap is None or not isfinite(gap) else f"{gap:z.2%}",
-        *closest(row),
+        *closest_cells(row),
         number(1e3 * row["seconds"]),
     ]
 
 
-def closest(row: Row) -> list[str]:
+def closest_cells(row: Row) -> list[str]:
     """The pair that comes closest, when (s), and how close (m); by sizes where these differ."""
     if clear := row.get("clearance"):
         who = f"{clear['craft']},{clear['other']}"
@@ -47,14 +47,14 @@ def closest(row: Row) -> list[str]:
 def print_plans(rows: Sequence[Row]) -> None:
     """Print the table of plans, remarks on single ones, and where their files are."""
     headings = ["scenario", "planner", *HEADINGS]
-    lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
+    lines = [[Path(row["scenario"]).stem, planner_cell(row), *plan_cells(row)] for row in rows]
     for name, (names, extra) in EXTRA.items():
         if any(row[name] for row in rows):
             headings += names
             for row, line in zip(rows, lines, strict=True):
                 line += extra(row) if row[name] else [MISSING] * len(names)
     print_table(
-        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if wrong(row)]
+        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if is_unsolved(row)]
     )
     if len(rows) == 1:
         _print_craft(rows[0])
@@ -63,7 +63,7 @@ def print_plans(rows: Sequence[Row]) -> None:
             echo(f"{row['scenario']}: {sentence}")
     for sentence in _legend(rows):
         echo(sentence)
-    worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
+    worlds = {orbit_in_words(row["world"]) for row in rows if row["world"]}
     if worlds:
         echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
@@ -95,7 +95,7 @@ def _legend(rows: Sequence[Row]) -> Iterator[str]:
         )
 
 
-def orbit_said(of: Mapping[str, Any]) -> str:
+def orbit_in_words(of: Mapping[str, Any]) -> str:
     """A reference orbit, by its mean elements, and its forces in a line."""
     from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -128,14 +128,14 @@ def _print_craft(row: Row) -> None:
     echo(f"Δv of each craft: {', '.join(spans)}.")
 
 
-def wrong(row: Row) -> bool:
+def is_unsolved(row: Row) -> bool:
     """Whether a plan's status is other than solved, so that it must not be flown."""
     return row["status"] != "solved"
 
 
-def who(row: Row) -> str:
+def planner_cell(row: Row) -> str:
     """The planner's name, with the plan's status where that is not solved."""
-    return f"{row['planner']} ({row['status']})" if wrong(row) else row["planner"]
+    return f"{row['planner']} ({row['status']})" if is_unsolved(row) else row["planner"]
 
 
 def _adrift(row: Row) -> list[str]:
@@ -194,7 +194,7 @@ EXTRA = {
 
 def _remarks(row: Row) -> list[str]:
     """Sentences on what a plan's row in the table has no column for."""
-    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if wrong(row) else []
+    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(
             "in the given order some craft cannot reach its goal within its limits of "

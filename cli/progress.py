@@ -42,7 +42,7 @@ class NoteColumn(ProgressColumn):
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
 
 
-class Shown(JobProgress):
+class DisplayedProgress(JobProgress):
     """Shows how far some work is once it says how much there is of it."""
 
     def __init__(self, what: str, stack: ExitStack) -> None:
@@ -97,10 +97,10 @@ class Shown(JobProgress):
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Shown]:
+def progress(what: str) -> Iterator[DisplayedProgress]:
     """Show how far some work is, such as "solving"."""
     with ExitStack() as stack:
-        yield Shown(what, stack)
+        yield DisplayedProgress(what, stack)
 
 
 Item = TypeVar("Item")

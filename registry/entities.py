@@ -89,12 +89,12 @@ def dataset_input(
     return DatasetInput(entity, [InputTag("mlflow.data.context", context)])
 
 
-def whole(text: str) -> int | None:
+def whole_number(text: str) -> int | None:
     """A whole number in ordinary digits, or None where the text is none."""
     return int(text) if _WHOLE.fullmatch(text) else None
 
 
-def moment(milliseconds: int | None) -> datetime:
+def utc_time(milliseconds: int | None) -> datetime:
     """A time of MLflow's as a date in UTC; 1970-01-01 where it is none."""
     try:
         return datetime.fromtimestamp((milliseconds or 0) / 1000, UTC)

@@ -16,7 +16,7 @@ import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.parts import Kept, kept_in
+from pipeline.experiments.parts import FinishedParts, open_parts
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scratch import scratch_folder
@@ -169,7 +169,7 @@ def table_of(run: Run) -> pd.DataFrame:
     try:
         return table_from(content)
     except InputError as error:
-        raise unusable(run, TABLE, error) from error
+        raise unusable_file(run, TABLE, error) from error
 
 
 @contextmanager
@@ -186,7 +186,7 @@ def arrays_of(run: Run) -> Iterator[list[Path]]:
         yield paths
 
 
-def unusable(run: Run, name: str, why: object) -> InputError:
+def unusable_file(run: Run, name: str, why: object) -> InputError:
     """The error for a file of a run that cannot be used."""
     return InputError(
         f"{name} of run {run.run_id} of {run.experiment} cannot be used ({why}); restore the file, "
@@ -207,7 +207,7 @@ def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
             "docs/mlflow.md."
         ) from error
     if digest != run.tags.get(DIGEST + name, digest):
-        raise unusable(run, name, "its SHA-256 is not the recorded one")
+        raise unusable_file(run, name, "its SHA-256 is not the recorded one")
     return path
 
 
@@ -238,7 +238,7 @@ def _run_of(store: Store, run: Any) -> Run:
     return Run(
         experiment=names[run.info.experiment_id],
         run_id=run.info.run_id,
-        created=entities.moment(run.info.start_time),
+        created=entities.utc_time(run.info.start_time),
         params=entities.recorded(run.data.params),
         tags=entities.own_tags(run.data.tags),
     )
@@ -264,7 +264,7 @@ def _number(run: Any) -> int:
 @contextmanager
 def unfinished_parts(
     experiment: str, decided_by: Mapping[str, Any], *, resume: bool, progress: Progress = SILENT
-) -> Iterator[Kept]:
+) -> Iterator[FinishedParts]:
     """Finished parts of an experiment that has not ended, removed once the block has ended well.
 
     With ``resume`` those of an earlier run are used where settings, versions and machine are the
@@ -278,8 +278,9 @@ def unfinished_parts(
     text = json.dumps(settings, sort_keys=True, default=str).encode()
     name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
     place = connect().beside / UNFINISHED
-    with kept_in(open_folder(place / name), EVALUATED_BY, again=resume, progress=progress) as kept:
-        yield kept
+    folder = open_folder(place / name)
+    with open_parts(folder, EVALUATED_BY, again=resume, progress=progress) as parts:
+        yield parts
     shutil.rmtree(place / name, ignore_errors=True)
     with suppress(OSError):  # where other experiments are under way
         place.rmdir()

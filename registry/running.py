@@ -13,7 +13,7 @@ import mlflow
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.scratch import TOKEN, clear_dead, living
+from pipeline.scratch import TOKEN, clear_dead, held_lock_file
 from registry.entities import pages
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def recorded_run(
 ) -> Iterator[str]:
     """An MLflow run, new or of the id ``again``: FINISHED after the block, or FAILED."""
     folder, prefix = store.locks
-    with living(folder, prefix, keep_on_error=True) as process:
+    with held_lock_file(folder, prefix, keep_on_error=True) as process:
         key = f"{WRITER}{process[-TOKEN:]}"
         with mlflow.start_run(
             run_id=again,

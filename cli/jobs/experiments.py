@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from cli.jobs.networks import EvaluatedNetwork, networks, unlearned
+from cli.jobs.networks import EvaluatedNetwork, classical_planners, networks
 from cli.jobs.run_tables import add_to_model
 from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
@@ -18,7 +18,7 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
-from pipeline.experiments.parts import Kept
+from pipeline.experiments.parts import FinishedParts
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
     Comparison,
@@ -69,7 +69,7 @@ class HeldOut:
         self,
         experiment: str,
         params: Mapping[str, Any],
-        make: Callable[[Path, Kept], pd.DataFrame],
+        make: Callable[[Path, FinishedParts], pd.DataFrame],
         *,
         kind: Sequence[str] = (),
         resume: bool,
@@ -139,9 +139,9 @@ def evaluate(
         raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
     ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
     scenarios = ground.scenarios
-    planners = [*unlearned(), *(network.evaluated for network in ground.networks)]
+    planners = [*classical_planners(), *(network.evaluated for network in ground.networks)]
 
-    def run(files: Path, kept: Kept) -> pd.DataFrame:
+    def run(files: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
         tables = run_trials(
             sizes, timed=settings.timed, workers=workers, kept=kept, progress=progress
@@ -170,7 +170,7 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     networks = ground.networks
     seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in networks}
 
-    def run(_: Path, kept: Kept) -> pd.DataFrame:
+    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = list(scenarios.values())
         return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
 
@@ -194,13 +194,13 @@ def transfer_times(
 
     def planners(problem: Problem) -> list[EvaluatedPlanner]:
         """Experts and baselines, which plan for any problem, and the networks that fit it."""
-        fitting = unlearned()
+        fitting = classical_planners()
         for network in ground.networks:
             with suppress(InputError):  # its weights are for another T
                 fitting.append(network.on(problem).evaluated)
         return fitting
 
-    def run(_: Path, kept: Kept) -> pd.DataFrame:
+    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         return run_transfer_times(
             planners, scenarios, varied, workers=workers, kept=kept, progress=progress
         )
@@ -238,7 +238,7 @@ def flights(
         for one in ground.networks
     ]
 
-    def run(_: Path, kept: Kept) -> pd.DataFrame:
+    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         return run_flights(
             [EvaluatedPlanner(Expert()), *baselines, *safe],
             scenarios,

@@ -77,7 +77,7 @@ def networks(references: Sequence[str], data: Where, arch: str = "") -> list[Eva
     return found
 
 
-def unlearned() -> list[EvaluatedPlanner]:
+def classical_planners() -> list[EvaluatedPlanner]:
     """The expert in both separation settings, and the baselines."""
     at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
     return [EvaluatedPlanner(planner) for planner in (Expert(), at_nodes, *BASELINES)]

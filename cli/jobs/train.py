@@ -146,8 +146,8 @@ def train_model(
     asked = AskedTraining.of(arch, seed, settings)
     data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after
-    finished = _learned(asked, data, progress)
-    version = _recorded(asked, finished)
+    finished = _train_and_fly(asked, data, progress)
+    version = _record(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
 
 
@@ -161,18 +161,18 @@ def train_models(
     """
     progress.expect(len(asked))
     connect()
-    one = partial(_learned_there, made_with(*TRAINED_BY))
+    one = partial(_train_in_worker, made_with(*TRAINED_BY))
     done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
     tasks = list(enumerate(asked))
     with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:
         for (number, training), finished in results:
-            done[number] = _recorded(training, finished), finished.trials
+            done[number] = _record(training, finished), finished.trials
             progress.done(note=f"{training.arch}, seed {training.seed}")
     found = [(*done[number], training.settings.data) for number, training in tasks]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _learned_there(
+def _train_in_worker(
     expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
 ) -> FinishedTraining:
     """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
@@ -184,10 +184,10 @@ def _learned_there(
             f"{public_url(how.data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
-    return _learned(asked, asked.examples(SILENT), SILENT)
+    return _train_and_fly(asked, asked.examples(SILENT), SILENT)
 
 
-def _learned(
+def _train_and_fly(
     asked: AskedTraining, data: tuple[ExampleSource, ExampleSource], progress: Progress
 ) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
@@ -199,7 +199,7 @@ def _learned(
     return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
 
 
-def _recorded(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
+def _record(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
         recipe=asked.recipe,

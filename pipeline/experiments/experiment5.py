@@ -27,7 +27,7 @@ from pipeline.experiments.records import (
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
-from pipeline.figures.labels import called, count, error, number, ratio, share
+from pipeline.figures.labels import count, error, number, planner_label, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.flight.trials import SIZE
@@ -136,7 +136,7 @@ def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
 
 def within_table(summary: pd.DataFrame) -> Table:
     """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
-    names = list(map(called, summary["planner"], summary["recipe"]))
+    names = list(map(planner_label, summary["planner"], summary["recipe"]))
     rows, printed = summary.assign(label=names), {name: name for name in names}
     frame, columns = averages.wide(rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed)
     return Table("experiment5-within", frame, [*CONDITIONS, *columns])
@@ -325,12 +325,12 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         same = (undisturbed[["n", "planner", "recipe"]] == [n, planner, recipe]).all(axis=1)
         ends = rows.set_index("loop")[[LOW, HIGH]].reindex(list(LOOPS))  # open where not flown
         holds = [at_most(interval, 1 - SAFE) for interval in ends.itertuples(index=False)]
-        who = labels.in_sentence(str(planner))
+        who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans of n = {n} hold outside the linear model, with errors?"
         free = rough[(rough["planner"] == DECOUPLED) & (rough["n"] == n)]
         beside = f"Decoupled optimum: {_shares(free)}" if len(free) else ""
         shares = f"{_shares(rows)}; without errors {_shares(undisturbed[same])}"
-        numbers = f"{called(str(planner), str(recipe))}, within r_col: {shares}"
+        numbers = f"{planner_label(str(planner), str(recipe))}, within r_col: {shares}"
         found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
     return [*found, *_as_flown_findings(flights)]
 
@@ -355,9 +355,9 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
     for (planner, recipe), every in rows.groupby(["planner", "recipe"], sort=False):
         flown = every[every["planned"] == AS_FLOWN]
         apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= MET
-        who = labels.in_sentence(str(planner))
+        who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans hold outside the linear model if planned as flown?"
-        text = f"{called(str(planner), str(recipe))}: {_claim(every)}"
+        text = f"{planner_label(str(planner), str(recipe))}: {_claim(every)}"
         found.append(Finding(question, decide(HOLD_AS_FLOWN, bool(apart), bool(met)), text))
     return found
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.errors import check_range
 from pipeline.experiments import records
-from pipeline.experiments.parts import Kept, Part, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, done_parts
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
@@ -53,7 +53,7 @@ def run_flights(
     larger: Sequence[Scenario] = (),
     seed: int = 0,
     workers: Workers | None = None,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.

@@ -35,7 +35,7 @@ class Part(Generic[Of]):
 
 
 @dataclass(frozen=True)
-class Kept:
+class FinishedParts:
     """Finished parts of one experiment in a folder."""
 
     ledger: Ledger[ShardList]
@@ -57,9 +57,9 @@ class Kept:
 
 
 @contextmanager
-def kept_in(
+def open_parts(
     folder: Folder, decided_by: DecidedBy, *, again: bool, progress: Progress
-) -> Iterator[Kept]:
+) -> Iterator[FinishedParts]:
     """Open a folder of finished parts of an experiment, locked for the block.
 
     Parts of an earlier run are used ``again``, or removed. InputError where another process holds
@@ -75,7 +75,7 @@ def kept_in(
         return ShardList(SCHEMA, {})
 
     with open_ledger(folder, OWNED, begin, progress) as ledger:
-        yield Kept(ledger, decided_by)
+        yield FinishedParts(ledger, decided_by)
 
 
 def done_parts(
@@ -84,7 +84,7 @@ def done_parts(
     parts: Sequence[Part[Of]],
     *,
     workers: Workers | None,
-    kept: Kept | None,
+    kept: FinishedParts | None,
     progress: Progress,
 ) -> list[pd.DataFrame]:
     """The table of each part, kept or made, by default on all cores of this machine.

@@ -10,7 +10,7 @@ from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SECONDS, Panel, average
 from pipeline.experiments.records import PREDICTED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, measured
-from pipeline.figures.labels import count, in_order, is_papers, number, share
+from pipeline.figures.labels import count, in_order, is_of_paper, number, share
 from pipeline.figures.style import PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -39,7 +39,7 @@ def sections(
     values = {
         "paper": paper,
         "sizes": sorted({int(n) for n in shown["n"]}),
-        "one_speaks": shown["planner"].map(is_papers).any(),
+        "one_speaks": shown["planner"].map(is_of_paper).any(),
         "safe": share(verdicts.SAFE),
         "cheap": verdicts.CHEAP,
         "picture": Picture("beyond", scaling_figure(summary, look)),

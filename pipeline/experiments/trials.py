@@ -15,7 +15,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.experiments import records
-from pipeline.experiments.parts import Kept, Part, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, done_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
@@ -69,7 +69,7 @@ def run_trials(
     *,
     timed: int = 0,
     workers: Workers | None = None,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> list[pd.DataFrame]:
     """A table of each comparison: a row for each trial, columns of Trial.
@@ -102,7 +102,7 @@ def _planned(of: tuple[EvaluatedPlanner, Sequence[Scenario]]) -> pd.DataFrame:
 
 
 def _times(
-    comparisons: Sequence[Comparison], timed: int, kept: Kept | None
+    comparisons: Sequence[Comparison], timed: int, kept: FinishedParts | None
 ) -> Sequence[Sequence[float]]:
     """Seconds to plan each of the first scenarios alone, by comparison and planner."""
     if not timed:
@@ -203,7 +203,7 @@ def run_transfer_times(
     varied: Sequence[tuple[str, Problem]],
     *,
     workers: Workers | None = None,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """All planners that fit, in every variation, on the same initial and goal states.

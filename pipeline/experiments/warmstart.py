@@ -7,7 +7,7 @@ from time import perf_counter
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from pipeline.experiments.parts import Kept, Part, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, done_parts
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
@@ -32,7 +32,7 @@ def run_warmstarts(
     sizes: Sequence[Sequence[Scenario]],
     optimizer: str = EXPERT,
     *,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Every seed and rule on every scenario: a row each, columns of WarmStart.
