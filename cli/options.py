@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, get_type_hints
 
 import typer
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
 """Numbers that a list on the command line may stand for, and the largest of them."""
+
+OPTION = "option"  # in the metadata of a dataclass's field: the option that it becomes
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -50,6 +52,9 @@ def with_settings(command: Callable[P, R]) -> Callable[..., R]:
 def _parameters(called: Callable[..., Any]) -> list[Parameter]:
     """The parameters of a function or of a dataclass, by name and with their types."""
     hints = get_type_hints(called, include_extras=True)
+    if is_dataclass(called):
+        options = {field.name: field.metadata.get(OPTION) for field in fields(called)}
+        hints |= {k: Annotated[hints[k], one] for k, one in options.items() if one is not None}
     return [
         parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name])
         for name, parameter in signature(called).parameters.items()
