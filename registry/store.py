@@ -50,6 +50,11 @@ PROCESS_DEFAULTS = {
 }
 """Settings of MLflow for this process, where the user has chosen none."""
 
+LOCK_SECONDS = 120.0
+"""How long another process may take to set up a fresh store; a few seconds is usual."""
+
+ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
+
 
 @dataclass(frozen=True)
 class Store:
@@ -195,12 +200,6 @@ def _check_reachable(uri: str) -> None:
             f"The tracking server {public_url(uri)} does not answer ({public(reason, uri)}); "
             "expected a reachable MLflow server: start it, or correct or unset MLFLOW_TRACKING_URI."
         ) from error
-
-
-LOCK_SECONDS = 120.0
-"""How long another process may take to set up a fresh store; a few seconds is usual."""
-
-ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
 
 
 def database_path(uri: str) -> Path:

@@ -51,6 +51,14 @@ TAGS = [
     "convex-optimization",
 ]
 
+LICENCE = "mit"  # of data that come with prolearn: the project's own
+IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
+AGAIN = "data/again"  # folder in the commands that make a dataset once more
+# Columns that the card has numbers of
+SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
+QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
+TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
+
 
 @dataclass(frozen=True)
 class File:
@@ -147,15 +155,6 @@ def _feature(field: pa.Field) -> Mapping[str, str]:
     if pa.types.is_list(kind):
         key, kind = "list", kind.value_type
     return {"name": field.name, key: "float64" if pa.types.is_float64(kind) else str(kind)}
-
-
-LICENCE = "mit"  # of data that come with prolearn: the project's own
-IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
-AGAIN = "data/again"  # folder in the commands that make a dataset once more
-# Columns that the card has numbers of
-SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
-QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
-TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
 
 
 def write_card(

@@ -59,6 +59,13 @@ ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any data
 
 Rows = Bool[Array, "N"]
 
+DIGEST = "does not have the digest that the manifest gives it"
+CUT_SHORT = "is not in the manifest; the run that made it was cut short"
+UNTIMED = f"is not in {TIMED}"
+NOT_EXPECTED = "does not belong to this dataset"
+FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
+MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shards have some MB
+
 
 def stands_alone(content: bytes) -> bool:
     """Whether bytes are a shard with sound rows, of whatever dataset."""
@@ -157,14 +164,6 @@ def _judged(
             least = certificate.min_separation
             apart[k] = np.nan if least is None else least
     return wrong, apart
-
-
-DIGEST = "does not have the digest that the manifest gives it"
-CUT_SHORT = "is not in the manifest; the run that made it was cut short"
-UNTIMED = f"is not in {TIMED}"
-NOT_EXPECTED = "does not belong to this dataset"
-FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
-MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shards have some MB
 
 
 @dataclass(frozen=True)

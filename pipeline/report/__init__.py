@@ -29,6 +29,20 @@ from pipeline.report.html import html_page
 
 __all__ = ["ReportFiles", "Results", "build_report", "no_rows"]
 
+TITLE = "Learned swarm transfers between passive relative orbits"
+
+QUESTIONS = [
+    *(Column("Question", "question"), Column("Verdict", "verdict")),
+    *(Column("Numbers", "numbers"), Column("Best free baseline", "baseline")),
+]
+
+PROVENANCE = [
+    *(Column("Part", "part"), Column("Run", "run_short"), Column("Made", "made")),
+    *(Column("Data", "data"), Column("Digest", "digest_short"), Column("Code", "code_short")),
+    Column("Machine", "machine"),
+]
+DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
+
 
 def no_rows(table: str) -> pd.DataFrame:
     """A table of ``TABLES`` without rows."""
@@ -79,21 +93,6 @@ class Results:
         named = [table["planner"] for table in tables]
         named += [self.training["arch"], self.curves["arch"]]
         return {*pd.concat(named), *map(planner_of, self.warmstarts["seed"])} - {NO_SEED}
-
-
-TITLE = "Learned swarm transfers between passive relative orbits"
-
-QUESTIONS = [
-    *(Column("Question", "question"), Column("Verdict", "verdict")),
-    *(Column("Numbers", "numbers"), Column("Best free baseline", "baseline")),
-]
-
-PROVENANCE = [
-    *(Column("Part", "part"), Column("Run", "run_short"), Column("Made", "made")),
-    *(Column("Data", "data"), Column("Digest", "digest_short"), Column("Code", "code_short")),
-    Column("Machine", "machine"),
-]
-DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
 
 
 @dataclass(frozen=True)
