@@ -1,4 +1,4 @@
-"""Typer's options from the annotated fields of frozen dataclasses, lists in options, completion."""
+"""Typer's options from fields of frozen dataclasses, lists in options, completion."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, is_dataclass

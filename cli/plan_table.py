@@ -21,7 +21,7 @@ SIGNED = "apart with a sign: by how much more than sizes of craft and obstacles 
 
 
 def plan_cells(row: Row) -> list[str]:
-    """What stands under HEADINGS."""
+    """The cells of a plan under HEADINGS."""
     gap = row["optimality_gap"]
     return [
         number(row["fuel"]),

@@ -43,7 +43,7 @@ class NoteColumn(ProgressColumn):
 
 
 class DisplayedProgress(JobProgress):
-    """Shows how far some work is once it says how much there is of it."""
+    """Progress of some work on stderr, once its total is known."""
 
     def __init__(self, what: str, stack: ExitStack) -> None:
         self.count = self.failed = 0  # units that are done, and how many of them failed

@@ -1,6 +1,6 @@
 """Settings of the jobs, a frozen dataclass each, and options that several commands have.
 
-The annotated fields become Typer's options (``cli.options.with_settings``); the jobs read the same
+Their fields become Typer's options (``cli.options.with_settings``); the jobs read the same
 values, and those of experiments become MLflow's parameters by the names of their fields.
 """
 
@@ -352,7 +352,7 @@ class OrbitPlace:
         )
 
     def at(self, orbit: "ReferenceOrbit") -> "OrbitPlace":
-        """The same with the osculating angles of an orbit, which the file has, if at an epoch."""
+        """This place with an orbit's osculating angles, or with none where there is no epoch."""
         known = None if self.epoch is None else orbit
         angles: dict[str, Any] = {name: getattr(known, name, None) for name in ANGLES}
         return replace(self, **angles)
@@ -389,7 +389,7 @@ class RiskSettings:
     )
 
     def limit(self) -> "RiskLimit | None":
-        """The limit on the risk, if any; InputError for one without errors, or errors without."""
+        """The limit on the risk, if any; InputError where it or the errors are missing."""
         from pipeline.plan import RiskLimit
 
         given = {
@@ -450,7 +450,7 @@ class FlightConditions:
     )
 
     def about(self, scenario: "Scenario") -> "Conditions":
-        """The conditions, and where the options say nothing the scenario's reference orbit."""
+        """Conditions by these options, else by the scenario's reference orbit."""
         from pipeline.flight.conditions import conditions_of
 
         _refuse_spread_alone(self)
@@ -490,7 +490,7 @@ class FlownTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class Planning:
-    """Settings of who plans, and what of a plan."""
+    """Settings of the planner, and of what plans must satisfy."""
 
     planner: str = setting(
         "expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a model (ff1, ...).",

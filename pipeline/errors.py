@@ -45,7 +45,7 @@ EXTRAS = {
 
 
 def missing(error: ModuleNotFoundError) -> InputError | None:
-    """What to do about a package that is not there, or None where no extra has it."""
+    """The error for a package that an extra brings, or None where none does."""
     package = (error.name or "").partition(".")[0]
     for extra, packages in EXTRAS.items():
         if package in packages:
@@ -58,7 +58,7 @@ def missing(error: ModuleNotFoundError) -> InputError | None:
 
 @contextmanager
 def told_which_extra() -> Iterator[None]:
-    """In the block a package that no light installation has is an InputError with its extra."""
+    """In the block a missing package of an extra is an InputError that names the extra."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -56,7 +56,7 @@ def metrics_of(
     step: int = 0,
     stamp: int | None = None,
 ) -> list[Any]:
-    """MLflow's metrics, reached by now, of a run and of a model that it logged."""
+    """MLflow's metrics, as of now, of a run and of a model that it logged."""
     stamp = now() if stamp is None else stamp
     return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in values.items()]
 

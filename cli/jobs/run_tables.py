@@ -75,7 +75,7 @@ def sound_table(run: Run) -> pd.DataFrame:
 
 
 def averages(run_id: str) -> list[dict[str, Any]]:
-    """The averages of an experiment's run, as in the report: a row each planner and setting."""
+    """The averages of an experiment's run, as in the report: a row for each planner and setting."""
     run = experiment_run(run_id)
     trials, (_, averaged) = sound_table(run), KINDS[run.experiment]
     try:

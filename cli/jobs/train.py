@@ -98,7 +98,7 @@ def trained_before(
 
 @dataclass(frozen=True)
 class AskedTraining:
-    """A training as a task of a worker: its network, and the digest of the data that it is of."""
+    """A training as a task of a worker: network, seed, settings, and digest of the data."""
 
     arch: str
     seed: int
@@ -127,7 +127,7 @@ class AskedTraining:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTraining:
-    """What comes of a training, not yet recorded."""
+    """The result of a training that is not yet recorded."""
 
     trained: Trained
     instances: tuple[int, int]  # of training and of validation

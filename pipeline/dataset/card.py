@@ -94,7 +94,7 @@ def _partition(sets: Iterable[set[str]]) -> list[set[str]]:
 
 
 def front_matter(files: Sequence[File], title: str, licence: str) -> str:
-    """The front matter as YAML, without the lines of dashes around it."""
+    """The front matter as YAML, without its lines of dashes."""
     rows = sum(file.rows for file in files)
     return yaml.safe_dump(
         {
@@ -344,7 +344,7 @@ def _orbit(problem: Problem) -> str:
 
 
 def altitude_of(mean_motion: float) -> float:
-    """Altitude in m of a mean motion in rad/s, with as few decimals as give it back."""
+    """Altitude in m of a mean motion in rad/s, in the fewest decimals that give it back."""
     exact = radius_at(mean_motion) - R_EARTH
     rounded = (round(exact, digits) for digits in TYPED_DIGITS)
     return next((one for one in rounded if mean_motion_at(one) == mean_motion), exact)

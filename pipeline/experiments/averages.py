@@ -47,7 +47,7 @@ def average(
     spread: bool = False,
     wilson: bool = False,
 ) -> Average:
-    """An average, if asked for with its spread between trainings or Wilson's interval beside."""
+    """An average, perhaps with its spread between trainings, or with Wilson's interval."""
     stem = source.removesuffix("_mean").removesuffix("_share")
     between = f"{stem}_spread" if spread else ""
     ends = (f"{stem}_low", f"{stem}_high") if wilson else None
@@ -151,7 +151,7 @@ def summarize(trials: pd.DataFrame, by: Sequence[str] = ("n",)) -> pd.DataFrame:
 
 
 def prepared(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with fuel_ratio, fuel over its bound, and safe as 1 or 0 where it is claimed."""
+    """Trials with fuel_ratio (fuel over bound), and safe as 1 or 0, or NaN where predicted."""
     bound = trials["fuel_lower_bound"].astype(float)
     return trials.assign(
         recipe=trials["recipe"].fillna(""),
@@ -161,7 +161,7 @@ def prepared(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def as_share(safe: "pd.Series[bool]") -> "pd.Series[float]":
-    """1 where safe, 0 where not or not known."""
+    """1 where safe, else 0."""
     return safe.astype("boolean").fillna(False).astype(float)
 
 

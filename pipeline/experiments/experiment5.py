@@ -99,7 +99,7 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 def planned_values(
     flights: pd.DataFrame, summary: pd.DataFrame, look: Mapping[str, Style]
 ) -> dict[str, Any]:
-    """What the section says of plans as flown, beside those for the linear model."""
+    """Values for the template on plans as flown, beside those for the linear model."""
     *shapes, last = (f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
     return {
         "claim": _claim(flights),
@@ -116,7 +116,7 @@ def _trials(summary: pd.DataFrame) -> str:
 
 
 def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
-    """Plans flown in all loops, and those without errors in the same worlds, for the linear model.
+    """Plans for the linear model flown in all loops, and flights without errors in the same worlds.
 
     With feedback a plan is made for the risk, and as flown.
     """
@@ -127,7 +127,7 @@ def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
-    """Flights without errors in open loop of those whose plans were also made as flown."""
+    """Flights without errors in open loop, of plans that were made for both models."""
     key = [*SWARM, "world"]
     rows = rows[(rows["errors"] == NO_ERRORS) & (rows["loop"] == OPEN)]
     both = rows.loc[rows["planned"] == AS_FLOWN, key].drop_duplicates()
@@ -135,7 +135,7 @@ def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def within_table(summary: pd.DataFrame) -> Table:
-    """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
+    """Flights with a pair within r_col: a row for each condition, a column for each planner."""
     names = list(map(planner_label, summary["planner"], summary["recipe"]))
     rows, printed = summary.assign(label=names), {name: name for name in names}
     frame, columns = averages.wide(rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed)

@@ -1,4 +1,4 @@
-"""The parts of an experiment: tables made by workers, each for itself, and kept until all are."""
+"""The parts of an experiment: independent tables made by workers, kept until all are done."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -51,7 +51,7 @@ class FinishedParts:
             return None
 
     def write(self, name: str, table: pd.DataFrame) -> None:
-        """Keep the table of a part."""
+        """Keep the table of a finished part."""
         self.ledger.publish(name, table_bytes(table))
         self.ledger.commit()  # now, since the next part may take an hour
 

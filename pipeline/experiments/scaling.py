@@ -31,7 +31,7 @@ COLUMNS = [
 def sections(
     trials: pd.DataFrame, training: pd.DataFrame, look: Mapping[str, Style]
 ) -> list[Section]:
-    """One section, or none where no swarm beyond n = 30 was evaluated."""
+    """The section on swarms beyond n = 30, where any were evaluated."""
     shown = larger_swarms(trials, training)
     if shown.empty:
         return []
@@ -69,7 +69,7 @@ def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarize_larger(trials: pd.DataFrame) -> pd.DataFrame:
-    """The columns of ``summarize`` and those of UNSAFE and EXCESS, size by size."""
+    """``summarize`` with UNSAFE and EXCESS, sorted by size."""
     summary = averages.summarize(trials)
     found = summary.assign(
         unsafe_share=1 - summary["safe_share"],

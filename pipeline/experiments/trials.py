@@ -206,7 +206,7 @@ def run_transfer_times(
     kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
-    """All planners that fit, in every variation, on the same initial and goal states.
+    """Trials of all planners that fit, in every variation, with the same initial and goal states.
 
     The ends of scenarios, which are of one problem and one n, stay what they are, since passive
     formations depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of
@@ -245,7 +245,7 @@ def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -
 
 
 def write_example(example: Example, path: Path) -> None:
-    """Keep an example in a file of numpy's."""
+    """Write an example to an npz file."""
     stored: dict[str, Any] = {"initial": example.initial, "goal": example.goal}
     stored |= {"name": example.title, "collision_radius": example.collision_radius}
     stored |= {f"{PREFIX}{label}": each for label, each in example.tracks.items()}

@@ -52,7 +52,7 @@ def decide(rules: Rules, *claims: bool | str | None) -> str:
 
 
 def joint_claim(claims: Iterable[bool | None]) -> bool | str | None:
-    """The value of a claim for several planners: open if it is for any, MIXED if they differ."""
+    """A claim about several planners: open if it is for any, MIXED if they differ."""
     found = set(claims)
     return None if None in found or not found else found.pop() if len(found) == 1 else MIXED
 

@@ -42,6 +42,6 @@ def reference_frames(
 
 
 def stamp(time: datetime, seconds: float = 0.0) -> str:
-    """A time so many seconds later, in whole microseconds."""
+    """A time, so many seconds later, as text in whole microseconds."""
     later = time + timedelta(microseconds=round(1e6 * seconds))
     return later.strftime("%Y-%m-%dT%H:%M:%S.%f")

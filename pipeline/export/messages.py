@@ -56,7 +56,7 @@ def craft_name(craft: int, n: int) -> str:
 
 
 def header(version: str, plan: Plan, craft: int) -> Iterator[str]:
-    """The first lines, from the one with the version: what the message is about, and whose."""
+    """The first lines of a message: version, what it is about, and originator."""
     problem = plan.scenario.problem
     planner = visible(plan.planner).encode("ascii", "replace").decode()
     about = f"Craft {craft} of {plan.scenario.n}, planned by {planner}: {plan.status}."
@@ -77,7 +77,7 @@ def header(version: str, plan: Plan, craft: int) -> Iterator[str]:
 
 
 def described(plan: Plan, craft: int, name: str) -> Iterator[str]:
-    """The lines of metadata on a craft of a plan with a name, and on frame and time."""
+    """The metadata of a craft: object, frame and time system."""
     label = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     whole = f"{label}-{craft_name(craft, plan.scenario.n)}"
     yield f"OBJECT_NAME = {whole}"

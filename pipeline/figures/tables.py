@@ -52,7 +52,7 @@ class Table:
 
     @property
     def signs(self) -> str:
-        """What brackets and ± mean in it, where it has any."""
+        """An explanation of brackets and ±, where the table has any."""
         said = [INTERVALS] if any(column.interval for column in self.columns) else []
         spreads = [column.spread for column in self.columns if column.spread]
         if self.frame[spreads].notna().any(axis=None):
@@ -116,7 +116,7 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
 
 
 def file_name(name: str) -> str:
-    """A name as one of a file: one with other signs, or a long one, gets its digest at the end."""
+    """A name as a file name; where it has other characters or is long, its digest ends it."""
     plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)[:LONGEST]
     return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 

@@ -1,4 +1,4 @@
-"""A pool of the workers of a Dask cluster, whose scheduler may go and come back."""
+"""A pool of the workers of a Dask cluster, whose scheduler may be lost and come back."""
 
 import logging
 import socket

@@ -25,7 +25,7 @@ Rows = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What stands at the top of a page."""
+    """The verdict at the top of a page."""
 
     good: bool  # whether the plan is safe and nothing is wrong with it
     headline: str  # the verdict in few words

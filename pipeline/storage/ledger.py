@@ -60,14 +60,14 @@ class ShardManifest(Protocol):
 
 @dataclass(frozen=True)
 class ShardList:
-    """A manifest that says no more than the shards, of folders whose shards say the rest."""
+    """A manifest that lists shards alone; their metadata says how they were made."""
 
     schema: str
     shards: Mapping[str, str]
 
     @classmethod
     def of(cls, folder: Folder, schema: str) -> "ShardList":
-        """The one of a folder, or of its copy; without either no shard is listed."""
+        """The list in a folder's manifest, or in its copy; empty without either."""
         for name in (storage.MANIFEST, storage.COPY):
             with suppress(OSError, ValueError, KeyError, TypeError):
                 return cls(schema, dict(read_checked(folder, name)["shards"]))
@@ -98,7 +98,7 @@ class Ledger(Generic[Kind]):
 
     @property
     def manifest(self) -> Kind:
-        """The manifest with the shards of now; made anew, so ask ``shards`` for one of many."""
+        """The manifest with its present shards, as a copy: ask ``shards`` for single ones."""
         return replace(self._about, shards=dict(self.shards))
 
     def is_sound(self, name: str) -> bool:
