@@ -15,10 +15,8 @@ import typer
 from typer.core import TyperGroup
 
 from cli.output import echo
-from pipeline.errors import InputError, ProlearnError
-from pipeline.extras import missing
-from pipeline.text import visible
-from pipeline.urls import public
+from pipeline.errors import InputError, ProlearnError, missing
+from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
@@ -113,7 +111,7 @@ def _stop(ctx: Any, message: str, status: int) -> None:
 
 
 @contextmanager
-def told_if_stopped(kept: Callable[[], str]) -> Iterator[None]:
+def explained_interrupt(kept: Callable[[], str]) -> Iterator[None]:
     """In the block Ctrl-C and SIGTERM end the run with a sentence on what is kept."""
     try:
         yield
@@ -122,7 +120,7 @@ def told_if_stopped(kept: Callable[[], str]) -> Iterator[None]:
         raise
 
 
-def not_over(source: Path, target: Path) -> None:
+def refuse_overwriting(source: Path, target: Path) -> None:
     """Raise InputError where what is made of a file would be written in that file's place."""
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(

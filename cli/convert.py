@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from cli.app import FAILED, not_over, within_memory
+from cli.app import FAILED, refuse_overwriting, within_memory
 from cli.options import numbers
 from cli.output import echo
 from cli.settings import PlanFile, option
@@ -19,8 +19,7 @@ def convert(
     plan: PlanFile,
     to: Annotated[Form, option("Format.")],
     out: Annotated[
-        Path | None,
-        option("A file or -, for OEM and OPM a folder; by default named as the plan."),
+        Path | None, option("A file or -, for OEM and OPM a folder; by default named as the plan.")
     ] = None,
     mass: Annotated[
         str | None,
@@ -58,7 +57,7 @@ def convert(
     target = out or (plan if plan == STDIO else plan.with_suffix(form.suffix))
     if target == STDIO and (folder or not form.text):
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
-    not_over(plan, target)
+    refuse_overwriting(plan, target)
     if target.is_dir() != folder and target.exists():
         kind = "a folder" if folder else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
@@ -99,7 +98,7 @@ def show(
     from pipeline.show import write_page
 
     target = out or (STDIO if plan == STDIO else plan.with_suffix(".html"))
-    not_over(plan, target)
+    refuse_overwriting(plan, target)
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
     with within_memory():

@@ -6,19 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cli.options import given_options, refuse, with_settings, workers_of
-from cli.output import beside, echo, print_json
+from cli.output import echo, print_json, stdout_for_document
 from cli.progress import progress
-from cli.settings import (
-    AsJson,
-    Family,
-    ProblemSettings,
-    Separation,
-    WorkerSettings,
-    flag,
-    option,
-)
+from cli.settings import AsJson, Family, ProblemSettings, Separation, WorkerSettings, flag, option
 from pipeline.errors import InputError
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -58,8 +50,8 @@ def sample(
         prolearn sample --n 10 --count 10000 --seed 0 --out data/n10
         prolearn sample --orbit '{"semi_major_axis": 8e6}' --out data/e
     """
+    from pipeline.dataset.making import sample as run
     from pipeline.dataset.samples import Sample
-    from pipeline.dataset.sampling import sample as run
 
     try:
         train, valid, test = (float(part) for part in shares.split(","))
@@ -80,7 +72,6 @@ def sample(
 
 
 def _orbit(text: str) -> "ReferenceOrbit":
-    """The reference orbit of JSON text."""
     from pipeline.documents import document_from
     from pipeline.scenario.orbit_document import OrbitDocument
 
@@ -144,8 +135,8 @@ def make(
                 f"{context.invoked_subcommand}."
             )
         return
+    from pipeline.dataset.making import sample as run
     from pipeline.dataset.samples import PRESETS
-    from pipeline.dataset.sampling import sample as run
     from pipeline.orbit.problem import Problem
 
     folder = out or f"data/{preset}"
@@ -220,7 +211,7 @@ def verify(
     if yes and not mend:
         raise InputError("--yes is given without --repair; expected both, or neither.")
     checking = workers_of(context, workers)
-    with beside(as_json), progress("mending" if mend else "verifying") as shown:
+    with stdout_for_document(as_json), progress("mending" if mend else "verifying") as shown:
         if mend:
             faults = repair(folder, yes=yes, workers=checking, progress=shown)
         else:
@@ -255,7 +246,7 @@ def _solve(
     separation: Literal["continuous", "nodes"] = "continuous",
     solver: Literal["simplex", "clarabel"] = "simplex",
 ) -> None:
-    from pipeline.dataset.solving import solve as run
+    from pipeline.dataset.making import solve as run
     from pipeline.expert import Settings
     from pipeline.plan import Requirements
 

@@ -2,21 +2,21 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cli.options import with_settings, workers_of
-from cli.output import beside, tell
+from cli.output import print_result, stdout_for_document
 from cli.progress import progress
 from cli.settings import (
     AsJson,
     Evaluation,
     Flights,
     Resume,
+    RunSettings,
     TransferTimes,
     WarmStarts,
-    WorkerSettings,
     option,
 )
 
@@ -25,13 +25,7 @@ if TYPE_CHECKING:
 
 
 @with_settings
-def evaluate(
-    context: typer.Context,
-    settings: Evaluation,
-    workers: WorkerSettings,
-    resume: Resume = False,
-    as_json: AsJson = False,
-) -> None:
+def evaluate(context: typer.Context, settings: Evaluation, how: RunSettings) -> None:
     """Experiments 1 and 2: collisions, fuel and time against swarm size.
 
     Networks, expert and baselines plan the same test scenarios. Those that are timed are planned
@@ -44,8 +38,7 @@ def evaluate(
     """
     from cli.jobs.experiments import evaluate as job
 
-    by = workers_of(context, workers)
-    _run("evaluating", "Evaluated", job, settings, as_json=as_json, workers=by, resume=resume)
+    _run("evaluating", "Evaluated", job, settings, how, context)
 
 
 @with_settings
@@ -63,17 +56,17 @@ def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = Fa
     """
     from cli.jobs.experiments import warmstart as job
 
-    _run("warm starts", "Warm starts done", job, settings, as_json=as_json, resume=resume)
+    _run(
+        "warm starts",
+        "Warm starts done",
+        job,
+        settings,
+        RunSettings(resume=resume, as_json=as_json),
+    )
 
 
 @with_settings
-def transfer_times(
-    context: typer.Context,
-    settings: TransferTimes,
-    workers: WorkerSettings,
-    resume: Resume = False,
-    as_json: AsJson = False,
-) -> None:
+def transfer_times(context: typer.Context, settings: TransferTimes, how: RunSettings) -> None:
     """Experiment 4: transfer times that no network was trained for.
 
     The same ends with other nodes T and with other time steps Δt. Feed-forward networks have
@@ -86,18 +79,11 @@ def transfer_times(
     """
     from cli.jobs.experiments import transfer_times as job
 
-    by, done = workers_of(context, workers), "Transfer times done"
-    _run("transfer times", done, job, settings, as_json=as_json, workers=by, resume=resume)
+    _run("transfer times", "Transfer times done", job, settings, how, context)
 
 
 @with_settings
-def flights(
-    context: typer.Context,
-    settings: Flights,
-    workers: WorkerSettings,
-    resume: Resume = False,
-    as_json: AsJson = False,
-) -> None:
+def flights(context: typer.Context, settings: Flights, how: RunSettings) -> None:
     """Experiment 5: what flies.
 
     Plans of expert, networks and baselines are flown in the linear model and about an oblate
@@ -113,8 +99,7 @@ def flights(
     """
     from cli.jobs.experiments import flights as job
 
-    flying = workers_of(context, workers)
-    _run("flying", "Flights done", job, settings, as_json=as_json, workers=flying, resume=resume)
+    _run("flying", "Flights done", job, settings, how, context)
 
 
 def _run(
@@ -122,19 +107,19 @@ def _run(
     done: str,
     job: Callable[..., "Done"],
     settings: object,
-    *,
-    as_json: bool,
-    **options: Any,
+    how: RunSettings,
+    context: typer.Context | None = None,
 ) -> None:
-    """Run an experiment and print its run, with the averages for programs."""
+    """Run an experiment, by workers of its own if it has a context, and print its run."""
     from cli.jobs.run_tables import averages
 
-    with beside(as_json), progress(doing) as shown:
-        outcome = job(settings, progress=shown, **options)
-        rows = averages(outcome.run_id) if as_json else []
+    workers = {} if context is None else {"workers": workers_of(context, how)}
+    with stdout_for_document(how.as_json), progress(doing) as shown:
+        outcome = job(settings, progress=shown, resume=how.resume, **workers)
+        rows = averages(outcome.run_id) if how.as_json else []
     when = " before" if outcome.earlier else ""
     said = f"{done}{when}; MLflow run {outcome.run_id}. Next: prolearn report"
-    tell(as_json, {**vars(outcome), "averages": rows}, said)
+    print_result(how.as_json, {**vars(outcome), "averages": rows}, said)
 
 
 def report(
@@ -157,6 +142,6 @@ def report(
     """
     from cli.jobs.report import report as job
 
-    with beside(as_json):
+    with stdout_for_document(as_json):
         files = job(out, evaluation)
-    tell(as_json, files, f"The report is {files.html} (and {files.markdown}).")
+    print_result(as_json, files, f"The report is {files.html} (and {files.markdown}).")

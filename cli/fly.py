@@ -10,16 +10,9 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings, workers_of
 from cli.output import echo, print_json, print_table
-from cli.plan_table import SIGNED, closest, orbit_said
+from cli.plan_table import SIGNED, closest_cells, orbit_in_words
 from cli.progress import progress
-from cli.settings import (
-    AsJson,
-    FlightConditions,
-    FlownTrials,
-    PlanFile,
-    WorkerSettings,
-    option,
-)
+from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of
@@ -211,7 +204,7 @@ HEADINGS = (
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
     of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
-    said = orbit_said(of)
+    said = orbit_in_words(of)
     echo(said[0].upper() + said[1:])
     near = [k for k, row in enumerate(rows) if _is_near(row, safe)]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
@@ -235,8 +228,8 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         error(row["goal_error"]),
         error(1e3 * row["goal_velocity_error"]),
         MISSING if plan else error(row["added_error"]),
-        MISSING if plan or row["share"] is None else f"{row['share']:.0%}".replace("-0%", "0%"),
-        *closest(row),
+        MISSING if plan or row["share"] is None else f"{row['share']:z.0%}",
+        *closest_cells(row),
     ]
 
 
@@ -248,7 +241,6 @@ def _verdict(report: Mapping[str, Any]) -> str:
 
 
 def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
-    """How close a craft comes to another, or to an obstacle, after a loss of thrust."""
     drift, radius = report["passive_safety"] or {}, report["collision_radius"]
     clear = drift.get("clearance")
     if not (clear or drift.get("pair")):
@@ -266,7 +258,6 @@ def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _corridor(report: Mapping[str, Any]) -> Iterator[str]:
-    """How far inside of its corridor a craft stays, or outside it comes."""
     if found := report.get("corridor"):
         by, where = found["min_margin"], f"corridors[{found['corridor']}] at {found['time']:.0f} s"
         kept = "Not kept: craft" if found["min_margin_bound"] <= 0 else "Craft"

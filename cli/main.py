@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command_name
 
-from cli import convert, dataset, experiments, fly, models, plan, scenario, tradeoff, train
+from cli import convert, dataset, experiments, fly, models, plan, scenario, train
 from cli.app import CommandGroup
 from cli.output import echo
 
@@ -29,7 +29,7 @@ datasets.command()(dataset.card)
 
 COMMANDS: Mapping[str, Sequence[Any]] = {
     "A swarm of your own": (
-        *(scenario.app, plan.plan, fly.fly, tradeoff.tradeoff),
+        *(scenario.app, plan.plan, fly.fly, plan.tradeoff),
         *(convert.show, convert.convert),
     ),
     "Datasets": (dataset.sample, dataset.solve, datasets, dataset.verify),

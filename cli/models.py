@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cli.app import CommandGroup
-from cli.output import beside, echo, print_json, print_table, seen
+from cli.output import echo, plain_text, print_json, print_table, stdout_for_document
 from cli.progress import each
 from cli.settings import AsJson, flag, option
 from pipeline.errors import InputError
@@ -64,7 +64,7 @@ def list_models(as_json: AsJson = False) -> None:
     """
     from registry.models import list_versions
 
-    with beside(as_json):
+    with stdout_for_document(as_json):
         versions = list_versions()
     if as_json:
         print_json([document_of(version) for version in versions])
@@ -112,7 +112,7 @@ def show(model: ModelArgument, as_json: AsJson = False) -> None:
     """
     from registry.models import resolve
 
-    with beside(as_json):
+    with stdout_for_document(as_json):
         version = resolve(model)
     if as_json:
         print_json(document_of(version))
@@ -126,7 +126,7 @@ def show(model: ModelArgument, as_json: AsJson = False) -> None:
     numbers = {name: f"{value:.6g}" for name, value in sorted(version.metrics.items())}
     for part in (head, dict(sorted(version.params.items())), numbers, version.tags):
         for name, value in part.items():
-            table.add_row(seen(name), seen(value))
+            table.add_row(plain_text(name), plain_text(value))
         table.add_section()
     Console().print(table)
 

@@ -1,15 +1,15 @@
-"""Typer's options from the annotated fields of frozen dataclasses, lists in options, completion."""
+"""Typer's options from fields of frozen dataclasses, lists in options, completion."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, get_type_hints
 
 import typer
 
 from pipeline.errors import InputError
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from cli.settings import WorkerSettings
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
 """Numbers that a list on the command line may stand for, and the largest of them."""
+
+OPTION = "option"  # in the metadata of a dataclass's field: the option that it becomes
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -50,6 +52,9 @@ def with_settings(command: Callable[P, R]) -> Callable[..., R]:
 def _parameters(called: Callable[..., Any]) -> list[Parameter]:
     """The parameters of a function or of a dataclass, by name and with their types."""
     hints = get_type_hints(called, include_extras=True)
+    if is_dataclass(called):
+        options = {field.name: field.metadata.get(OPTION) for field in fields(called)}
+        hints |= {k: Annotated[hints[k], one] for k, one in options.items() if one is not None}
     return [
         parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name])
         for name, parameter in signature(called).parameters.items()
@@ -95,11 +100,6 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
             "2..30."
         )
     return sorted(numbers)
-
-
-def float_list(text: str, option: str) -> Sequence[float]:
-    """Numbers written as 60 or 60,72.5,240, ascending."""
-    return sorted(set(numbers(text, option)))
 
 
 def numbers(text: str, option: str) -> Sequence[float]:

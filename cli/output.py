@@ -25,12 +25,12 @@ def echo(*lines: object, err: bool = False) -> None:
         typer.echo(visible(str(line)), err=err)
 
 
-def seen(text: object, style: str = "") -> Text:
+def plain_text(text: object, style: str = "") -> Text:
     """A text as rich shows it: no markup is in it, and what cannot be seen is an escape."""
     return Text(visible(str(text)), style)
 
 
-def tell(as_json: bool, document: Any, *lines: object) -> None:
+def print_result(as_json: bool, document: Any, *lines: object) -> None:
     """Print a document for programs, or lines for people."""
     print_json(document) if as_json else echo(*lines)
 
@@ -63,7 +63,7 @@ def print_table(
 
 
 @contextmanager
-def beside(as_json: bool) -> Iterator[None]:
+def stdout_for_document(as_json: bool) -> Iterator[None]:
     """In the block, whatever prints does so on stderr where stdout is for a document."""
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         yield

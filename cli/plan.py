@@ -1,6 +1,7 @@
-"""The command that plans a scenario of one's own."""
+"""Commands that plan a scenario of one's own: for its transfer time, or for a range of them."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import groupby, islice, product
 from pathlib import Path
@@ -8,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.app import not_over, told_if_stopped, within_memory
+from cli.app import explained_interrupt, refuse_overwriting, within_memory
 from cli.options import refuse, with_settings
-from cli.output import beside, print_json, stdout_free
-from cli.plan_table import print_plans
+from cli.output import echo, print_json, print_table, stdout_for_document, stdout_free
+from cli.plan_table import HEADINGS, is_unsolved, plan_cells, planner_cell, print_plans
 from cli.progress import progress
-from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, flag, option
+from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, flag, option
 from pipeline.errors import InputError
+from pipeline.figures.labels import MISSING, number
 from pipeline.files import STDIO, stem_of
 
 if TYPE_CHECKING:
@@ -23,6 +25,11 @@ if TYPE_CHECKING:
 CONDITIONS = tuple(field.name for field in fields(FlightConditions))
 TOGETHER = 50
 """Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
+
+UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}  # units of a duration, s
+
+NUMBER = r"(\d+(?:\.\d+)?)"
+RANGE = re.compile(rf"\s*{NUMBER}\s*\.\.\s*{NUMBER}\s*({'|'.join(UNITS)})\s*")
 
 
 @with_settings
@@ -113,7 +120,7 @@ def plan(
         refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
-        not_over(path, target)
+        refuse_overwriting(path, target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
     if world:
         for path, one in zip(scenarios, asked, strict=True):
@@ -131,7 +138,7 @@ def plan(
     def kept() -> str:
         return f"{len(rows)} of {len(asked)} plans {'was' if len(rows) == 1 else 'were'} written."
 
-    with told_if_stopped(kept), progress("planning") as shown, within_memory():
+    with explained_interrupt(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
             for made in chosen.plan(group):
@@ -144,7 +151,7 @@ def plan(
                 files = {"scenario": str(path), "plan": str(target)}
                 rows.append({**files, **summary(made), **more, **of})
                 shown.done()
-    with beside(not to_people):
+    with stdout_for_document(not to_people):
         print_json(rows) if as_json else print_plans(rows)
     raise typer.Exit(int(any(row["status"] != SOLVED for row in rows)))
 
@@ -157,7 +164,6 @@ def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
 
 
 def _targets(scenarios: list[Path], out: Path) -> list[Path]:
-    """Where each plan goes."""
     if len(scenarios) == 1 and (out == STDIO or (not out.is_dir() and out.suffix)):
         return [out]
     if out == STDIO:
@@ -168,3 +174,83 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     if out.is_file():
         raise InputError(f"--out is the file {out}; expected a folder for several plans.")
     return [out / name for name in names]
+
+
+@with_settings
+def tradeoff(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file.")],
+    settings: Tradeoff,
+    as_json: AsJson = False,
+) -> None:
+    """Fuel against transfer time: certified plans, their lower bound, and the knee.
+
+    Thrust arcs keep the scenario's time_step and their number varies, so each duration is a whole
+    number of arcs. Into the folder go the safe plans, tradeoff.csv and a figure. The knee is
+    where the curve of Δv is furthest below the line between its ends, both scaled to 0..1
+    (Kneedle), if that is a tenth at least and a minute saves half as much after it as before, or
+    less; else there is none. The exit status is 1 where no duration has a safe
+    plan.
+
+    Examples:
+
+        prolearn tradeoff scenario.json --duration 10..60min
+        prolearn tradeoff scenario.json --duration 600..3600s --steps 11 --json
+        prolearn tradeoff scenario.json --duration 1..3h --goal moving --out trade/
+    """
+    durations = seconds(settings.duration)
+    from cli.jobs.planner import planner_of
+    from cli.jobs.tradeoff import trade
+    from pipeline.plan import Requirements
+
+    required, assignment = Requirements(settings.separation), settings.assignment
+    planner = planner_of(settings.planner, required, settings.effort, assignment=assignment)
+    folder = settings.out or Path(f"{stem_of(scenario)}-tradeoff")
+    stopped = explained_interrupt(lambda: "the trade-off is not complete.")
+    with stopped, progress("planning") as shown, within_memory():
+        rows = trade(scenario, planner, folder, settings, durations, shown)
+    if as_json:
+        print_json({"scenario": str(scenario), "goal": settings.goal, "points": rows})
+    else:
+        _print_curve(rows, folder)
+    raise typer.Exit(int(all(is_unsolved(row) for row in rows)))
+
+
+def seconds(text: str) -> tuple[float, float]:
+    """A range of durations, s, written as 10..60min, 600..3600s or 1..3h, or an InputError."""
+    found = RANGE.fullmatch(text)
+    if found is None or not 0 < float(found[1]) < float(found[2]):
+        raise InputError(
+            f"--duration is {text!r}; expected a range from less to more with its unit, such as "
+            "10..60min, 600..3600s or 1..3h."
+        )
+    unit = UNITS[found[3]]
+    return float(found[1]) * unit, float(found[2]) * unit
+
+
+def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
+    """The table, why durations have no safe plan, the knee, and where the files are."""
+    lines = []
+    for row in rows:
+        bound = row["delta_v_lower_bound"]
+        least = MISSING if bound is None else number(bound)
+        mark = "knee" if row["knee"] else ""
+        lines.append([_minutes(row), planner_cell(row), *plan_cells(row), least, mark])
+    headings = ("transfer\nmin", "planner", *HEADINGS, "bound\nm/s", "")
+    print_table(
+        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if is_unsolved(row)]
+    )
+    for row in rows:
+        if is_unsolved(row):
+            echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
+    bent = [row for row in rows if row["knee"]]
+    for row in bent:
+        echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
+    if not bent:
+        echo(
+            "There is no knee: too few plans are safe, or more time saves about as much everywhere."
+        )
+    echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")
+
+
+def _minutes(row: Mapping[str, Any]) -> str:
+    return f"{row['duration'] / 60:.4g}"

@@ -20,19 +20,19 @@ HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apa
 SIGNED = "apart with a sign: by how much more than sizes of craft and obstacles ask for."
 
 
-def cells(row: Row) -> list[str]:
-    """What stands under HEADINGS."""
+def plan_cells(row: Row) -> list[str]:
+    """The cells of a plan under HEADINGS."""
     gap = row["optimality_gap"]
     return [
         number(row["fuel"]),
         number(row["delta_v"]),
         MISSING if gap is None or not isfinite(gap) else f"{gap:z.2%}",
-        *closest(row),
+        *closest_cells(row),
         number(1e3 * row["seconds"]),
     ]
 
 
-def closest(row: Row) -> list[str]:
+def closest_cells(row: Row) -> list[str]:
     """The pair that comes closest, when (s), and how close (m); by sizes where these differ."""
     if clear := row.get("clearance"):
         who = f"{clear['craft']},{clear['other']}"
@@ -47,14 +47,14 @@ def closest(row: Row) -> list[str]:
 def print_plans(rows: Sequence[Row]) -> None:
     """Print the table of plans, remarks on single ones, and where their files are."""
     headings = ["scenario", "planner", *HEADINGS]
-    lines = [[Path(row["scenario"]).stem, who(row), *cells(row)] for row in rows]
+    lines = [[Path(row["scenario"]).stem, planner_cell(row), *plan_cells(row)] for row in rows]
     for name, (names, extra) in EXTRA.items():
         if any(row[name] for row in rows):
             headings += names
             for row, line in zip(rows, lines, strict=True):
-                line += extra(row)
+                line += extra(row) if row[name] else [MISSING] * len(names)
     print_table(
-        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if wrong(row)]
+        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if is_unsolved(row)]
     )
     if len(rows) == 1:
         _print_craft(rows[0])
@@ -63,7 +63,7 @@ def print_plans(rows: Sequence[Row]) -> None:
             echo(f"{row['scenario']}: {sentence}")
     for sentence in _legend(rows):
         echo(sentence)
-    worlds = {orbit_said(row["world"]) for row in rows if row["world"]}
+    worlds = {orbit_in_words(row["world"]) for row in rows if row["world"]}
     if worlds:
         echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
@@ -95,7 +95,7 @@ def _legend(rows: Sequence[Row]) -> Iterator[str]:
         )
 
 
-def orbit_said(of: Mapping[str, Any]) -> str:
+def orbit_in_words(of: Mapping[str, Any]) -> str:
     """A reference orbit, by its mean elements, and its forces in a line."""
     from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -117,48 +117,41 @@ def _print_craft(row: Row) -> None:
     ]
     columns = [column for column in columns if column[2]]
     if len(row["craft_delta_v"]) <= MOST_CRAFT:
-        lines = [
-            [str(k), *map(number, of)]
-            for k, of in enumerate(zip(*(c[2] for c in columns), strict=True))
-        ]
         headings = ["craft", *(heading for heading, _, _ in columns)]
+        cells = [list(map(number, of)) for _, _, of in columns]
         if row["craft_share"]:
             headings.append("of what\nit may")
-            lines = [
-                [*line, f"{one:.1%}"] for line, one in zip(lines, row["craft_share"], strict=True)
-            ]
-        print_table(headings, lines)
+            cells.append([f"{one:.1%}" for one in row["craft_share"]])
+        print_table(headings, [[str(k), *of] for k, of in enumerate(zip(*cells, strict=True))])
         return
     spans = [f"{number(min(of))} to {number(max(of))} m/s {name}" for _, name, of in columns]
     echo(f"Δv of each craft: {', '.join(spans)}.")
 
 
-def wrong(row: Row) -> bool:
+def is_unsolved(row: Row) -> bool:
     """Whether a plan's status is other than solved, so that it must not be flown."""
     return row["status"] != "solved"
 
 
-def who(row: Row) -> str:
+def planner_cell(row: Row) -> str:
     """The planner's name, with the plan's status where that is not solved."""
-    return f"{row['planner']} ({row['status']})" if wrong(row) else row["planner"]
+    return f"{row['planner']} ({row['status']})" if is_unsolved(row) else row["planner"]
 
 
 def _adrift(row: Row) -> list[str]:
     """The craft adrift that comes closest to another, since which node, and how close."""
     found = row["passive_safety"]
-    if found and (clear := found.get("clearance")):
+    if clear := found.get("clearance"):
         return [f"{clear['craft']}@{clear['node']}", f"{clear['min_clearance']:+.2f}"]
-    if found is None or found["pair"] is None:
+    if found["pair"] is None:
         return [MISSING] * 2
     return [f"{found['pair'][0]}@{found['node']}", f"{found['min_separation']:.2f}"]
 
 
 def _saved(row: Row) -> list[str]:
     """What the assignment saves at least, of the least fuel in the given order."""
-    assignment = row["assignment"]
-    if assignment is None or assignment["saving"] is None:
-        return [MISSING]
-    return [f"{assignment['saving']:.1%}".replace("-0.0%", "0.0%")]
+    saving = row["assignment"]["saving"]
+    return [MISSING if saving is None else f"{saving:z.1%}"]
 
 
 def _risk(row: Row) -> list[str]:
@@ -167,8 +160,6 @@ def _risk(row: Row) -> list[str]:
     With feedback also what its corrections add.
     """
     risk = row["risk"]
-    if risk is None:
-        return [MISSING] * 2
     bare, feedback = risk["fuel_without"], risk["feedback"]
     costs = f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING
     if bare and feedback:
@@ -178,18 +169,12 @@ def _risk(row: Row) -> list[str]:
 
 
 def _share(row: Row) -> list[str]:
-    """The largest share of its Δv that a craft burns, and what no plan is below."""
     share = row["largest_share"]
-    if share is None:
-        return [MISSING] * 2
     return [f"{share['share']:.2%}", f"{share['bound']:.2%}"]
 
 
 def _burn(row: Row) -> list[str]:
-    """The smallest burn, and the fuel that leaving smaller ones out costs."""
     burn = row["smallest_burn"]
-    if burn is None:
-        return [MISSING] * 2
     least, bare = burn["least"], burn["fuel_without"]
     return [
         MISSING if least is None else number(1e3 * least),
@@ -209,7 +194,7 @@ EXTRA = {
 
 def _remarks(row: Row) -> list[str]:
     """Sentences on what a plan's row in the table has no column for."""
-    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if wrong(row) else []
+    said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(
             "in the given order some craft cannot reach its goal within its limits of "

@@ -21,8 +21,7 @@ from rich.text import Text
 
 from cli.output import echo
 from pipeline.progress import Progress as JobProgress
-from pipeline.text import visible
-from pipeline.urls import public
+from pipeline.text import public, visible
 
 LINE_SECONDS = 5.0  # how often work that is not on a terminal says where it is
 
@@ -43,8 +42,8 @@ class NoteColumn(ProgressColumn):
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
 
 
-class Shown(JobProgress):
-    """Shows how far some work is once it says how much there is of it."""
+class DisplayedProgress(JobProgress):
+    """Progress of some work on stderr, once its total is known."""
 
     def __init__(self, what: str, stack: ExitStack) -> None:
         self.count = self.failed = 0  # units that are done, and how many of them failed
@@ -98,10 +97,10 @@ class Shown(JobProgress):
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Shown]:
+def progress(what: str) -> Iterator[DisplayedProgress]:
     """Show how far some work is, such as "solving"."""
     with ExitStack() as stack:
-        yield Shown(what, stack)
+        yield DisplayedProgress(what, stack)
 
 
 Item = TypeVar("Item")

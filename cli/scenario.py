@@ -13,8 +13,9 @@ from rich.table import Table
 
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
-from cli.output import echo, print_json, seen, stdout_free
+from cli.output import echo, plain_text, print_json, stdout_free
 from cli.settings import (
+    ANGLES,
     AsJson,
     Family,
     InertialFiles,
@@ -51,7 +52,6 @@ DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 """Options of a draw, and what goes with what."""
 
-ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 REFERENCE = ("epoch", *ANGLES)  # its fields
 SHAPE = ("eccentricity", "argument_of_perigee_deg")
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
@@ -214,8 +214,9 @@ def _show(found: "list[Diagnostic]") -> None:
         row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
         for width in (8, 14, 5):
             row.add_column(no_wrap=True, min_width=width)
-        verdict = seen("fine", "green") if finding.fine else seen("wrong", "bold red")
-        row.add_row(*map(seen, (finding.end, finding.rule)), verdict, seen(finding.text))
+        verdict = ("fine", "green") if finding.fine else ("wrong", "bold red")
+        end, rule, text = map(plain_text, (finding.end, finding.rule, finding.text))
+        row.add_row(end, rule, plain_text(*verdict), text)
         console.print(row)
         lines = [case.text for case in finding.cases[:MOST_CASES]]
         if len(finding.cases) > MOST_CASES:
@@ -223,7 +224,7 @@ def _show(found: "list[Diagnostic]") -> None:
         if finding.cure:
             lines.append(f"to mend it, {finding.cure}")
         for line in lines:
-            console.print(Padding(seen(line), (0, 0, 0, 4), expand=False))
+            console.print(Padding(plain_text(line), (0, 0, 0, 4), expand=False))
 
 
 @app.command()

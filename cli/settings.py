@@ -1,16 +1,17 @@
 """Settings of the jobs, a frozen dataclass each, and options that several commands have.
 
-The annotated fields become Typer's options (``cli.options.with_settings``); the jobs read the same
+Their fields become Typer's options (``cli.options.with_settings``); the jobs read the same
 values, and those of experiments become MLflow's parameters by the names of their fields.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cli.options import architectures, families, planners
+from cli.options import OPTION, architectures, families, planners
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,10 +27,20 @@ def option(text: str, *names: str, **more: Any) -> Any:
     return typer.Option(*names, help=text, **more)
 
 
+def setting(text: str, *names: str, default: Any = None, **more: Any) -> Any:
+    """A field of settings with its default, and the option that it becomes."""
+    return field(default=default, metadata={OPTION: option(text, *names, **more)})
+
+
 def flag(name: str, text: str) -> Any:
     """An option without a value."""
     return typer.Option(name, help=text)
 
+
+_thrust = partial(setting, rich_help_panel="Thrusters and burns")
+_states = partial(setting, rich_help_panel="Inertial states of your own")
+_condition = partial(setting, rich_help_panel="Conditions of the flight")
+_trial = partial(setting, rich_help_panel="Trials with errors")
 
 AsJson = Annotated[bool, flag("--json", "Print one JSON document, and all else on stderr.")]
 Jobs = Annotated[int, option("Processes; -1 for all cores.")]
@@ -63,89 +74,77 @@ Resume = Annotated[
 class ExperimentSettings:
     """Settings that all experiments have."""
 
-    models: Annotated[
-        str | None, option("Such as ff1,lstm2:paper; by default the newest trained on the data.")
-    ] = None
-    data: Annotated[str, option("Solved dataset, folder or URL: its test split.")] = "data/paper"
-    trials: Annotated[int | None, option("Most trials of each size.")] = None
+    models: str | None = setting(
+        "Such as ff1,lstm2:paper; by default the newest trained on the data."
+    )
+    data: str = setting("Solved dataset, folder or URL: its test split.", default="data/paper")
+    trials: int | None = setting("Most trials of each size.")
 
 
 @dataclass(frozen=True)
 class Evaluation(ExperimentSettings):
     """Settings of experiments 1 and 2."""
 
-    sizes: Annotated[
-        str | None, option("Swarm sizes, such as 2..30; by default all of the dataset.", "--n")
-    ] = None
-    timed: Annotated[int, option("Trials of each size that are timed.")] = 10
+    sizes: str | None = setting("Swarm sizes, such as 2..30; by default all of the dataset.", "--n")
+    timed: int = setting("Trials of each size that are timed.", default=10)
 
 
 @dataclass(frozen=True)
 class WarmStarts(ExperimentSettings):
     """Settings of experiment 3."""
 
-    optimizer: Annotated[
-        Literal["expert", "plain"], option("Our expert, or the paper's kind: a plain SCP at nodes.")
-    ] = "expert"
-    sizes: Annotated[
-        str | None, option("Swarm sizes; by default 10,30, or 10 for the plain SCP.", "--n")
-    ] = None
-    trials: Annotated[int | None, option("Trials of each size.")] = 100
+    optimizer: Literal["expert", "plain"] = setting(
+        "Our expert, or the paper's kind: a plain SCP at nodes.", default="expert"
+    )
+    sizes: str | None = setting("Swarm sizes; by default 10,30, or 10 for the plain SCP.", "--n")
+    trials: int | None = setting("Trials of each size.", default=100)
 
 
 @dataclass(frozen=True)
 class TransferTimes(ExperimentSettings):
     """Settings of experiment 4."""
 
-    n: Annotated[int, option("Swarm size.")] = 10
-    nodes: Annotated[str, option("Numbers of nodes T, at the time step of the training.")] = "6..21"
-    time_steps: Annotated[
-        str | None,
-        option("Time steps Δt, s; by default those with the durations of --nodes.", "--time-step"),
-    ] = None
-    trials: Annotated[int | None, option("Most trials of each transfer time.")] = 100
+    n: int = setting("Swarm size.", default=10)
+    nodes: str = setting("Numbers of nodes T, at the time step of the training.", default="6..21")
+    time_steps: str | None = setting(
+        "Time steps Δt, s; by default those with the durations of --nodes.", "--time-step"
+    )
+    trials: int | None = setting("Most trials of each transfer time.", default=100)
 
 
 @dataclass(frozen=True)
 class Flights(ExperimentSettings):
     """Settings of experiment 5."""
 
-    models: Annotated[
-        str | None,
-        option("For any time grid, such as refiner,lstm2; by default the newest refiners."),
-    ] = None
-    n: Annotated[int, option("Swarm size.")] = 10
-    trials: Annotated[int | None, option("Most scenarios.")] = 100
-    flights: Annotated[int, option("Flights of each scenario, each with other errors.")] = 10
-    seed: Annotated[int, option("Root seed of the errors.")] = 0
+    models: str | None = setting(
+        "For any time grid, such as refiner,lstm2; by default the newest refiners."
+    )
+    n: int = setting("Swarm size.", default=10)
+    trials: int | None = setting("Most scenarios.", default=100)
+    flights: int = setting("Flights of each scenario, each with other errors.", default=10)
+    seed: int = setting("Root seed of the errors.", default=0)
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
     """Settings of a training except architecture and seed; some replace fields of its recipe."""
 
-    recipe: Annotated[
-        str, option("paper, tuned (on validation), or one of the architecture's own.")
-    ] = "tuned"
+    recipe: str = setting(
+        "paper, tuned (on validation), or one of the architecture's own.", default="tuned"
+    )
     data: Data = "data/paper"
     n: TrainingSize = 10
-    epochs: Annotated[int | None, option("Most epochs.")] = None
-    interior: Annotated[
-        str | None, option("Input between the end states: line, zeros or minimum-energy.")
-    ] = None
-    learning_rate: Annotated[float | None, option("Of Adam.")] = None
-    dropout: Annotated[float | None, option("Share of hidden outputs dropped in training.")] = None
-    batch_size: Annotated[int | None, option("Instances a step.")] = None
-    collision_weight: Annotated[
-        float | None, option("Weight of the collision penalty (ffcol, lstmcol).")
-    ] = None
-    crowded: Annotated[
-        int | None, option("Crowded scenarios that the refiner learns from beside the data.")
-    ] = None
+    epochs: int | None = setting("Most epochs.")
+    interior: str | None = setting("Input between the end states: line, zeros or minimum-energy.")
+    learning_rate: float | None = setting("Of Adam.")
+    dropout: float | None = setting("Share of hidden outputs dropped in training.")
+    batch_size: int | None = setting("Instances a step.")
+    collision_weight: float | None = setting("Weight of the collision penalty (ffcol, lstmcol).")
+    crowded: int | None = setting("Crowded scenarios that the refiner learns from beside the data.")
     device: Device = "auto"
-    memory: Annotated[
-        float, option("GB that data may take; larger datasets stream shard by shard.")
-    ] = 2.0
+    memory: float = setting(
+        "GB that data may take; larger datasets stream shard by shard.", default=2.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,16 +152,14 @@ class TuningSettings:
     """Settings of a search for hyperparameters."""
 
     arch: Annotated[str, option("Architecture, such as lstm2.", autocompletion=architectures)]
-    trials: Annotated[int, option("Trials in all, earlier ones included.")] = 20
-    recipe: Annotated[str, option("Recipe that the trials start from.")] = "tuned"
+    trials: int = setting("Trials in all, earlier ones included.", default=20)
+    recipe: str = setting("Recipe that the trials start from.", default="tuned")
     data: Data = "data/paper"
     n: TrainingSize = 10
-    epochs: Annotated[int | None, option("Most epochs of a trial.")] = None
+    epochs: int | None = setting("Most epochs of a trial.")
     device: Device = "auto"
-    seed: Annotated[int, option("Of the search and of each training.")] = 0
-    storage: Annotated[
-        Path | None, option("Optuna's SQLite file; optuna.db beside mlflow.db by default.")
-    ] = None
+    seed: int = setting("Of the search and of each training.", default=0)
+    storage: Path | None = setting("Optuna's SQLite file; optuna.db beside mlflow.db by default.")
 
 
 @dataclass(frozen=True)
@@ -170,35 +167,43 @@ class WorkerSettings:
     """The processes that do the work, here or on a Dask cluster."""
 
     jobs: Jobs = -1
-    backend: Annotated[
-        Literal["loky", "dask"], option("Where workers run: this machine, or a Dask cluster.")
-    ] = "loky"
-    scheduler: Annotated[
-        str | None, option("Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS")
-    ] = None
-    scheduler_wait: Annotated[
-        float | None, option("Seconds in which a lost scheduler may come back; 300 by default.")
-    ] = None
+    backend: Literal["loky", "dask"] = setting(
+        "Where workers run: this machine, or a Dask cluster.", default="loky"
+    )
+    scheduler: str | None = setting(
+        "Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
+    )
+    scheduler_wait: float | None = setting(
+        "Seconds in which a lost scheduler may come back; 300 by default."
+    )
+
+
+@dataclass(frozen=True)
+class RunSettings(WorkerSettings):
+    """How an experiment is run: by whom, whether an earlier run counts, and what is printed."""
+
+    resume: Resume = False
+    as_json: AsJson = False
 
 
 @dataclass(frozen=True)
 class TrainingWorkers(WorkerSettings):
     """The processes that train, by default the command's own."""
 
-    jobs: Annotated[
-        int, option("Trainings at once, each on one thread and with its data in memory; -1: cores.")
-    ] = 1
+    jobs: int = setting(
+        "Trainings at once, each on one thread and with its data in memory; -1: cores.", default=1
+    )
 
 
 @dataclass(frozen=True)
 class ProblemSettings:
     """Orbit, time grid, collision radius and thrust limit of a problem."""
 
-    altitude: Annotated[float, option("Of the reference orbit, m.")] = 500e3
-    time_step: Annotated[float, option("Length of an interval, s.")] = 120.0
-    nodes: Annotated[int, option("Time nodes.")] = 11
-    collision_radius: Annotated[float, option("r_col, m.")] = 15.0
-    max_acceleration: Annotated[float | None, option("Limit on each component, m/s².")] = None
+    altitude: float = setting("Of the reference orbit, m.", default=500e3)
+    time_step: float = setting("Length of an interval, s.", default=120.0)
+    nodes: int = setting("Time nodes.", default=11)
+    collision_radius: float = setting("r_col, m.", default=15.0)
+    max_acceleration: float | None = setting("Limit on each component, m/s².")
 
     def problem(self) -> "Problem":
         """The problem on a circular orbit so high above the Earth; InputError for a wrong value."""
@@ -213,37 +218,27 @@ class ProblemSettings:
         return Problem(mean_motion_at(self.altitude), **others)
 
 
-def _thrust(text: str, *names: str, **more: Any) -> Any:
-    return option(text, *names, rich_help_panel="Thrusters and burns", **more)
-
-
 @dataclass(frozen=True)
 class ThrustSettings:
     """Thrusters, their limits, and what is asked of burns; the same for every craft."""
 
-    thrust: Annotated[
-        Literal["components", "norm"],
-        _thrust("Thrusters along the axes, or one that is pointed; directions go into the file."),
-    ] = "components"
-    max_acceleration_norm: Annotated[
-        float | None, _thrust("Limit on the norm of the control, m/s².")
-    ] = None
-    min_delta_v: Annotated[
-        float | None, _thrust("Smallest impulse bit: least Δv of a burn, m/s.")
-    ] = None
-    no_burn: Annotated[
-        list[str] | None,
-        _thrust("No burns from and to, s, such as 300:500. Again for more.", metavar="FROM:TO"),
-    ] = None
-    delta_v: Annotated[float | None, _thrust("What each craft may burn in all, m/s.")] = None
-    objective: Annotated[
-        Literal["total", "fair"],
-        _thrust("Least fuel of all, or the least largest share of what craft have left."),
-    ] = "total"
+    thrust: Literal["components", "norm"] = _thrust(
+        "Thrusters along the axes, or one that is pointed; directions go into the file.",
+        default="components",
+    )
+    max_acceleration_norm: float | None = _thrust("Limit on the norm of the control, m/s².")
+    min_delta_v: float | None = _thrust("Smallest impulse bit: least Δv of a burn, m/s.")
+    no_burn: list[str] | None = _thrust(
+        "No burns from and to, s, such as 300:500. Again for more.", metavar="FROM:TO"
+    )
+    delta_v: float | None = _thrust("What each craft may burn in all, m/s.")
+    objective: Literal["total", "fair"] = _thrust(
+        "Least fuel of all, or the least largest share of what craft have left.", default="total"
+    )
 
     def fields(self, n: int) -> dict[str, Any]:
         """What is given, as fields of a scenario file of n craft."""
-        given = {name: value for name, value in vars(self).items() if value != _default(name)}
+        given = {k: v for k, v in vars(self).items() if v != getattr(ThrustSettings, k)}
         if self.no_burn:
             given["no_burn"] = [_window(text) for text in self.no_burn]
         if (left := given.pop("delta_v", None)) is not None:
@@ -251,12 +246,7 @@ class ThrustSettings:
         return given
 
 
-def _default(name: str) -> Any:
-    return getattr(ThrustSettings, name)
-
-
 def _window(text: str) -> list[float]:
-    """A stretch of time, written as 300:500, s."""
     try:
         begin, end = map(float, text.split(":"))
     except ValueError:
@@ -266,31 +256,22 @@ def _window(text: str) -> list[float]:
     return [begin, end]
 
 
-def _states(text: str, *names: str, **more: Any) -> Any:
-    return option(text, *names, rich_help_panel="Inertial states of your own", **more)
-
-
 @dataclass(frozen=True)
 class InertialFiles:
     """Files with the inertial states of craft at both ends, and the orbit that they are about."""
 
-    initial: Annotated[
-        Path | None,
-        _states("Inertial states at the first node: folder of OEM files, OEM, CSV or JSON."),
-    ] = None
-    goal: Annotated[Path | None, _states("Likewise at the last node.")] = None
-    chief: Annotated[
-        Path | None,
-        _states(
-            "Likewise of one craft at the first node, whose orbit is the reference; by default "
-            "the mean of --initial."
-        ),
-    ] = None
-    ballistic: Annotated[float | None, _states("Add drag: mean C_D A/m, m²/kg.", "--drag")] = None
-    spread: Annotated[
-        float | None,
-        _states("By what share the first has less, the last more.", "--drag-spread"),
-    ] = None
+    initial: Path | None = _states(
+        "Inertial states at the first node: folder of OEM files, OEM, CSV or JSON."
+    )
+    goal: Path | None = _states("Likewise at the last node.")
+    chief: Path | None = _states(
+        "Likewise of one craft at the first node, whose orbit is the reference; by default "
+        "the mean of --initial."
+    )
+    ballistic: float | None = _states("Add drag: mean C_D A/m, m²/kg.", "--drag")
+    spread: float | None = _states(
+        "By what share the first has less, the last more.", "--drag-spread"
+    )
 
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
@@ -302,10 +283,7 @@ class InertialFiles:
                 "--initial or --goal is missing; expected both where one of these, --chief or "
                 "--drag is given."
             )
-        if self.spread is not None and self.ballistic is None:
-            raise InputError(
-                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
-            )
+        _refuse_spread_alone(self)
         try:
             first = None if epoch is None else utc(epoch)
         except ValueError as error:
@@ -322,38 +300,39 @@ class InertialFiles:
         )
 
 
+def _refuse_spread_alone(drag: "InertialFiles | FlightConditions") -> None:
+    if drag.spread is not None and drag.ballistic is None:
+        raise InputError(
+            f"--drag-spread is {drag.spread:g} without --drag; expected both: add --drag 0.01."
+        )
+
+
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")  # of an orbit's place
+
+
 @dataclass(frozen=True)
 class OrbitPlace:
     """Where and when the orbit of a new scenario is, and its shape if it is no circle."""
 
-    epoch: Annotated[
-        str | None,
-        option(
-            "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
-            "file says where its orbit is."
-        ),
-    ] = None
-    inclination_deg: Annotated[
-        float | None,
-        option("Of the orbit, deg; 97.4 by default with --eccentricity.", "--inclination"),
-    ] = None
-    raan_deg: Annotated[
-        float | None, option("Right ascension of its ascending node, deg.", "--raan")
-    ] = None
-    argument_of_latitude_deg: Annotated[
-        float | None, option("Of the origin at the first node, deg.", "--argument-of-latitude")
-    ] = None
-    eccentricity: Annotated[
-        float | None,
-        option(
-            "An orbit with J2 instead of a circle, by mean elements; --altitude is then that of "
-            "its semi-major axis."
-        ),
-    ] = None
-    argument_of_perigee_deg: Annotated[
-        float, option("Of that orbit, deg.", "--argument-of-perigee")
-    ] = 90.0
-    no_j2: Annotated[bool, flag("--no-j2", "Leave J2 out of it.")] = False
+    epoch: str | None = setting(
+        "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
+        "file says where its orbit is."
+    )
+    inclination_deg: float | None = setting(
+        "Of the orbit, deg; 97.4 by default with --eccentricity.", "--inclination"
+    )
+    raan_deg: float | None = setting("Right ascension of its ascending node, deg.", "--raan")
+    argument_of_latitude_deg: float | None = setting(
+        "Of the origin at the first node, deg.", "--argument-of-latitude"
+    )
+    eccentricity: float | None = setting(
+        "An orbit with J2 instead of a circle, by mean elements; --altitude is then that of "
+        "its semi-major axis."
+    )
+    argument_of_perigee_deg: float = setting(
+        "Of that orbit, deg.", "--argument-of-perigee", default=90.0
+    )
+    no_j2: bool = setting("Leave J2 out of it.", "--no-j2", default=False)
 
     def orbit(self, altitude: float) -> "ReferenceOrbit":
         """The orbit of these mean elements, its semi-major axis so many m above the Earth."""
@@ -372,15 +351,10 @@ class OrbitPlace:
         )
 
     def at(self, orbit: "ReferenceOrbit") -> "OrbitPlace":
-        """The same with the osculating angles of an orbit, which the file has, if at an epoch."""
-        if self.epoch is None:
-            return replace(self, inclination_deg=None, raan_deg=None, argument_of_latitude_deg=None)
-        return replace(
-            self,
-            inclination_deg=orbit.inclination_deg,
-            raan_deg=orbit.raan_deg,
-            argument_of_latitude_deg=orbit.argument_of_latitude_deg,
-        )
+        """This place with an orbit's osculating angles, or with none where there is no epoch."""
+        known = None if self.epoch is None else orbit
+        angles: dict[str, Any] = {name: getattr(known, name, None) for name in ANGLES}
+        return replace(self, **angles)
 
 
 ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "none"]
@@ -390,36 +364,31 @@ ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "non
 class RiskSettings:
     """A chance constraint on separation, and the errors that it is about."""
 
-    asked: Annotated[
-        float | None,
-        option("Most probability that a pair ever comes within r_col, with errors.", "--risk"),
-    ] = None
-    navigation_sigma: Annotated[
-        float | None, option("With --risk: sigma of each component of known positions, m.")
-    ] = None
-    thrust_sigma: Annotated[
-        float | None,
-        option(
-            "With --risk: sigma of each burn's size, as a share of it, and of its direction about "
-            "each axis across it, rad."
-        ),
-    ] = None
-    velocity_sigma: Annotated[
-        float | None,
-        option("Likewise of velocities, m/s; by default the mean motion times --navigation-sigma."),
-    ] = None
+    asked: float | None = setting(
+        "Most probability that a pair ever comes within r_col, with errors.", "--risk"
+    )
+    navigation_sigma: float | None = setting(
+        "With --risk: sigma of each component of known positions, m."
+    )
+    thrust_sigma: float | None = setting(
+        "With --risk: sigma of each burn's size, as a share of it, and of its direction about "
+        "each axis across it, rad."
+    )
+    velocity_sigma: float | None = setting(
+        "Likewise of velocities, m/s; by default the mean motion times --navigation-sigma."
+    )
 
-    errors: Annotated[
-        ErrorPreset | None,
-        option("Instead of sigmas: errors as of `prolearn fly`, but for missed burns."),
-    ] = None
-    closed_loop: Annotated[
-        bool,
-        flag("--closed-loop", "Corrected at each node, from states known with the same errors."),
-    ] = False
+    errors: ErrorPreset | None = setting(
+        "Instead of sigmas: errors as of `prolearn fly`, but for missed burns."
+    )
+    closed_loop: bool = setting(
+        "Corrected at each node, from states known with the same errors.",
+        "--closed-loop",
+        default=False,
+    )
 
     def limit(self) -> "RiskLimit | None":
-        """The limit on the risk, if any; InputError for one without errors, or errors without."""
+        """The limit on the risk, if any; InputError where it or the errors are missing."""
         from pipeline.plan import RiskLimit
 
         given = {
@@ -454,120 +423,91 @@ class RiskSettings:
         return RiskLimit(**given)
 
 
-def _condition(text: str, *names: str) -> Any:
-    return option(text, *names, rich_help_panel="Conditions of the flight")
-
-
 @dataclass(frozen=True)
 class FlightConditions:
     """Conditions of a flight, by mean elements; None leaves a value to the scenario."""
 
-    eccentricity: Annotated[float, _condition("Mean, of the reference orbit, up to 0.85.")] = 0.001
-    inclination_deg: Annotated[
-        float | None,
-        _condition("Mean, deg; by default the scenario's, else 97.4.", "--inclination"),
-    ] = None
-    raan_deg: Annotated[
-        float | None,
-        _condition("Right ascension of its node, deg; the scenario's, else 0.", "--raan"),
-    ] = None
-    argument_of_perigee_deg: Annotated[
-        float, _condition("Mean, from the ascending node, deg.", "--argument-of-perigee")
-    ] = 90.0
-    argument_of_latitude_deg: Annotated[
-        float | None,
-        _condition("At the first node, deg; the scenario's, else 0.", "--argument-of-latitude"),
-    ] = None
-    no_j2: Annotated[bool, _condition("Leave the Earth's oblateness out.", "--no-j2")] = False
-    ballistic: Annotated[
-        float | None, _condition("Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag")
-    ] = None
-    spread: Annotated[
-        float | None,
-        _condition(
-            "By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"
-        ),
-    ] = None
+    eccentricity: float = _condition("Mean, of the reference orbit, up to 0.85.", default=0.001)
+    inclination_deg: float | None = _condition(
+        "Mean, deg; by default the scenario's, else 97.4.", "--inclination"
+    )
+    raan_deg: float | None = _condition(
+        "Right ascension of its node, deg; the scenario's, else 0.", "--raan"
+    )
+    argument_of_perigee_deg: float = _condition(
+        "Mean, from the ascending node, deg.", "--argument-of-perigee", default=90.0
+    )
+    argument_of_latitude_deg: float | None = _condition(
+        "At the first node, deg; the scenario's, else 0.", "--argument-of-latitude"
+    )
+    no_j2: bool = _condition("Leave the Earth's oblateness out.", "--no-j2", default=False)
+    ballistic: float | None = _condition(
+        "Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag"
+    )
+    spread: float | None = _condition(
+        "By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"
+    )
 
     def about(self, scenario: "Scenario") -> "Conditions":
-        """The conditions, and where the options say nothing the scenario's reference orbit."""
+        """Conditions by these options, else by the scenario's reference orbit."""
         from pipeline.flight.conditions import conditions_of
 
-        if self.spread is not None and self.ballistic is None:
-            raise InputError(
-                f"--drag-spread is {self.spread:g} without --drag; expected both: add --drag 0.01."
-            )
+        _refuse_spread_alone(self)
         given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}
         return replace(conditions_of(scenario), **given, j2=not self.no_j2)
-
-
-def _trial(text: str, *names: str, **more: Any) -> Any:
-    return option(text, *names, rich_help_panel="Trials with errors", **more)
 
 
 @dataclass(frozen=True)
 class FlownTrials:
     """Settings of a plan that is flown many times with errors."""
 
-    trials: Annotated[int | None, _trial("Fly so many times, with errors that differ.")] = None
-    seed: Annotated[int, _trial("Root seed of the errors.")] = 0
-    errors: Annotated[ErrorPreset, _trial("Size of the errors, to begin with.")] = "cold-gas"
-    error: Annotated[
-        list[str] | None,
-        _trial(
-            "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "
-            "semi_major_axis, navigation_time, latency, magnitude, direction, magnitude_fixed, "
-            "direction_fixed, magnitude_bias, direction_bias, impulse_bit, timing, missed, lost.",
-            metavar="NAME=VALUE",
-        ),
-    ] = None
-    world: Annotated[
-        Literal["nonlinear", "linear"], _trial("The conditions above, or the model of planners.")
-    ] = "nonlinear"
-    replan: Annotated[
-        Literal["none", "feedback", "every-node"],
-        _trial("Compare with craft corrected, or planned anew, at every node."),
-    ] = "none"
-    planner: Annotated[
-        str, _trial("Who plans anew, as for `prolearn plan`.", autocompletion=planners)
-    ] = "expert"
-    effort: Annotated[Effort | None, _trial("Of the expert then, as for `prolearn plan`.")] = None
-    sigmas: Annotated[
-        float | None,
-        _trial("Standard deviations of separations kept beyond r_col then; 3 by default."),
-    ] = None
-    size: Annotated[float, _trial("Distance of two centres at which craft may touch, m.")] = 0.35
-    out: Annotated[Path | None, _trial("Folder; PLAN-flown by default.")] = None
+    trials: int | None = _trial("Fly so many times, with errors that differ.")
+    seed: int = _trial("Root seed of the errors.", default=0)
+    errors: ErrorPreset = _trial("Size of the errors, to begin with.", default="cold-gas")
+    error: list[str] | None = _trial(
+        "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "
+        "semi_major_axis, navigation_time, latency, magnitude, direction, magnitude_fixed, "
+        "direction_fixed, magnitude_bias, direction_bias, impulse_bit, timing, missed, lost.",
+        metavar="NAME=VALUE",
+    )
+    world: Literal["nonlinear", "linear"] = _trial(
+        "The conditions above, or the model of planners.", default="nonlinear"
+    )
+    replan: Literal["none", "feedback", "every-node"] = _trial(
+        "Compare with craft corrected, or planned anew, at every node.", default="none"
+    )
+    planner: str = _trial(
+        "Who plans anew, as for `prolearn plan`.", default="expert", autocompletion=planners
+    )
+    effort: Effort | None = _trial("Of the expert then, as for `prolearn plan`.")
+    sigmas: float | None = _trial(
+        "Standard deviations of separations kept beyond r_col then; 3 by default."
+    )
+    size: float = _trial("Distance of two centres at which craft may touch, m.", default=0.35)
+    out: Path | None = _trial("Folder; PLAN-flown by default.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Planning:
-    """Settings of who plans, and what of a plan."""
+    """Settings of the planner, and of what plans must satisfy."""
 
-    planner: Annotated[
-        str,
-        option(
-            "expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a model (ff1, "
-            "...).",
-            autocompletion=planners,
-        ),
-    ] = "expert"
+    planner: str = setting(
+        "expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a model (ff1, ...).",
+        default="expert",
+        autocompletion=planners,
+    )
     separation: Separation = "continuous"
-    effort: Annotated[
-        Effort | None,
-        option(
-            "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
-            "the best of several searches. By default the second; after a model, the first, and "
-            "after the refiner that only where it has no safe plan."
-        ),
-    ] = None
-    assignment: Annotated[
-        Literal["given", "optimal"],
-        option("Who takes which goal: as given, or such that the fuel is least."),
-    ] = "given"
-    allow_drift: Annotated[
-        bool, flag("--allow-drift", "Accept states that are not energy-matched.")
-    ] = False
+    effort: Effort | None = setting(
+        "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
+        "the best of several searches. By default the second; after a model, the first, and "
+        "after the refiner that only where it has no safe plan."
+    )
+    assignment: Literal["given", "optimal"] = setting(
+        "Who takes which goal: as given, or such that the fuel is least.", default="given"
+    )
+    allow_drift: bool = setting(
+        "Accept states that are not energy-matched.", "--allow-drift", default=False
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -575,12 +515,10 @@ class Tradeoff(Planning):
     """Settings of a trade-off of fuel against transfer time."""
 
     duration: Annotated[str, option("Range of transfer times: 10..60min, 600..3600s.")]
-    steps: Annotated[int, option("Durations at most, spread over the range.")] = 20
-    goal: Annotated[
-        Literal["fixed", "moving"],
-        option(
-            "Goals are the states given, whenever they are reached, or slots that move on along "
-            "their passive orbits and are there after the scenario's own duration."
-        ),
-    ] = "fixed"
-    out: Annotated[Path | None, option("Folder; SCENARIO-tradeoff by default.")] = None
+    steps: int = setting("Durations at most, spread over the range.", default=20)
+    goal: Literal["fixed", "moving"] = setting(
+        "Goals are the states given, whenever they are reached, or slots that move on along "
+        "their passive orbits and are there after the scenario's own duration.",
+        default="fixed",
+    )
+    out: Path | None = setting("Folder; SCENARIO-tradeoff by default.")

@@ -8,11 +8,11 @@ import typer
 
 from cli.models import document_of
 from cli.options import architectures, int_list, name_list, with_settings, workers_of
-from cli.output import beside, echo, print_json, tell
+from cli.output import echo, print_json, print_result, stdout_for_document
 from cli.progress import progress
 from cli.settings import AsJson, TrainingSettings, TrainingWorkers, TuningSettings, flag, option
 from pipeline.errors import InputError
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from cli.jobs.train import Contest
@@ -61,7 +61,7 @@ def train(
     by = workers_of(context, workers)
     at_once = by.scheduler is not None or (by.jobs != 1 and len(asked) > 1)
     several = len({number for _, number in asked}) > 1
-    with beside(as_json):
+    with stdout_for_document(as_json):
         if at_once:
             documents = _trained_at_once(asked, settings, by, resume=resume)
         else:
@@ -140,11 +140,11 @@ def tune(settings: TuningSettings, as_json: AsJson = False) -> None:
     """
     from cli.jobs.tune import tune as job
 
-    with beside(as_json), progress(f"tuning {settings.arch}") as shown:
+    with stdout_for_document(as_json), progress(f"tuning {settings.arch}") as shown:
         found = job(settings, shown)
     values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in found.best.items()}
     options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in values.items())
-    tell(
+    print_result(
         as_json,
         found,
         f"{found.trials} trials are complete in {found.storage}; best {found.in_words} on "

@@ -39,7 +39,7 @@ def with_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def without_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """A document's other fields; ValueError where its checksum is wrong. Old ones have none."""
+    """A document without its checksum, if any; ValueError where that is wrong."""
     rest = {name: value for name, value in fields.items() if name != CHECKSUM}
     if fields.get(CHECKSUM, _checksum(rest)) != _checksum(rest):
         raise ValueError("its checksum is not that of its content")
@@ -88,7 +88,7 @@ def _refuse_repeated(content: bytes) -> None:
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:
-    """The document of fields that did not come from a file; InputError names a wrong one."""
+    """A document from fields that are in no file; InputError names a wrong one."""
     try:
         return kind.model_validate(fields)
     except ValidationError as error:

@@ -1,6 +1,7 @@
 """Errors for the person who can act on them: what was given, what is expected, what to do."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class ProlearnError(Exception):
@@ -28,3 +29,39 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
 def _short(value: float | int) -> str:
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return text if len(text) < 20 else f"{text[:8]}... ({len(text)} digits)"
+
+
+# Names to import by, of each extra; ``learn`` has those of ``refiner`` as well
+EXTRAS = {
+    "refiner": ("numba", "safetensors"),
+    "onnx": ("onnx", "onnxruntime", "onnxscript"),
+    "tune": ("optuna",),
+    "dask": ("dask", "distributed"),
+    "learn": (
+        *("filelock", "fsspec", "joblib", "markdown_it", "mlflow", "pandas", "pyarrow"),
+        *("sqlalchemy", "tabulate", "threadpoolctl", "torch", "yaml"),
+    ),
+}
+
+
+def missing(error: ModuleNotFoundError) -> InputError | None:
+    """The error for a package that an extra brings, or None where none does."""
+    package = (error.name or "").partition(".")[0]
+    for extra, packages in EXTRAS.items():
+        if package in packages:
+            return InputError(
+                f"this needs {package}, which is not installed; expected the extra `{extra}`: "
+                f"pip install 'prolearn[{extra}]'."
+            )
+    return None
+
+
+@contextmanager
+def told_which_extra() -> Iterator[None]:
+    """In the block a missing package of an extra is an InputError that names the extra."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (said := missing(error)) is None:
+            raise
+        raise said from error

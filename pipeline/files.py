@@ -21,7 +21,7 @@ _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
 
 
 def unfinished(path: Path) -> Path | None:
-    """The file that a temporary one is to become, or None where it is none of ours."""
+    """The final path of a temporary file of ours, or None for any other file."""
     found = _UNFINISHED.fullmatch(path.name)
     return path.with_name(found[1]) if found else None
 
@@ -58,7 +58,7 @@ def published(path: Path) -> Iterator[Path]:
 
 
 def stem_of(path: Path) -> str:
-    """What to call what is read: a file's name without its suffix."""
+    """A file's name without its suffix, or stdin."""
     return "stdin" if path == STDIO else path.stem
 
 

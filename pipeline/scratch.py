@@ -18,7 +18,7 @@ NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows
 
 
 @contextmanager
-def living(folder: Path, prefix: str, *, keep_on_error: bool = False) -> Iterator[str]:
+def held_lock_file(folder: Path, prefix: str, *, keep_on_error: bool = False) -> Iterator[str]:
     """Hold a lock file ``<prefix><token>.lock`` of its own for the block, and remove it after.
 
     Yields the prefix with the token; the prefix distinguishes its kind from others in the folder.
@@ -47,8 +47,8 @@ def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
     """Clear away what dead processes of this user left, and then their lock files.
 
     Another process that does the same at the same time finds the lock held, or nothing left to do.
-    ``clear`` is given the name that ``living`` gave; its OSError leaves the lock file for the next
-    time.
+    ``clear`` is given the name that ``held_lock_file`` gave; where it raises OSError the lock file
+    stays for the next time.
     """
     fits = re.compile(rf"{re.escape(prefix)}.{{{TOKEN}}}{re.escape(SUFFIX)}").fullmatch
     with suppress(OSError):
@@ -71,7 +71,7 @@ def scratch_folder() -> Iterator[Path]:
     """A temporary folder for the block; those of processes that were killed are removed first."""
     clear_scratch()
     place = Path(tempfile.gettempdir())
-    with living(place, PREFIX) as name:
+    with held_lock_file(place, PREFIX) as name:
         folder = place / name
         folder.mkdir(mode=0o700)
         try:

@@ -1,7 +1,8 @@
-"""Text from elsewhere, with invisible characters shown as escapes."""
+"""Text from elsewhere as it may be shown: invisible characters as escapes, URLs without secrets."""
 
 import re
 from collections.abc import Callable
+from urllib.parse import unquote
 
 # Unicode's Default_Ignorable_Code_Point as far as ``str.isprintable`` lets it pass, and the blank
 # of braille
@@ -20,3 +21,61 @@ def visible(text: str, escape: Callable[[str], str] = _escape) -> str:
     """A text on one line, with control, invisible and bidirectional characters as escapes."""
     hidden = {ord(c): escape(c) for c in set(text) if not c.isprintable() or _BLANK.match(c)}
     return text.translate(hidden) if hidden else text
+
+
+HIDDEN = "..."
+# A URL inside a sentence; a second one directly behind the first is one of its own
+_URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")
+_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation
+_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the scheme
+
+
+def public(text: object, *urls: object) -> str:
+    """A sentence, or a URL without spaces, without the secrets of the URLs in it.
+
+    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are. Secrets of ``urls``
+    are removed in any form: with spaces, without the scheme, or quoted alone.
+    """
+    shown = str(text)
+    for url in map(str, urls):
+        _, before, _, after = _parts(url)
+        for piece in {before, after, unquote(before), unquote(after)}:
+            shown = shown.replace(piece, "") if len(piece) > 1 else shown
+        for word in sorted(_words(before, after), key=len, reverse=True):
+            shown = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", HIDDEN, shown)
+    return _URL.sub(_in_sentence, shown)
+
+
+def public_url(url: object) -> str:
+    """A URL without its secrets, or its scheme alone where they are unclear; a path as it is."""
+    scheme, _, shown, _ = _parts(str(url))
+    return scheme + shown
+
+
+def _parts(url: str) -> tuple[str, str, str, str]:
+    """Scheme, secrets before the host, what may be shown, and secrets after the path."""
+    scheme, mark, rest = url.partition("://")
+    if not mark:
+        bare = _BARE.match(url)
+        return ("", bare[0], url[bare.end() :], "") if bare else ("", "", url, "")
+    authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
+    tail = rest[len(authority) :]
+    if "@" in tail and (":" in authority or "@" in authority or "://" in tail):
+        return scheme + mark, rest, HIDDEN, ""
+    begin = authority.rfind("@") + 1
+    end = len(re.split(r"[?#]", rest, maxsplit=1)[0])
+    return scheme + mark, rest[:begin], rest[begin:end], rest[end:]
+
+
+def _words(before: str, after: str) -> set[str]:
+    """Passwords and values of a query, as a library may quote them alone, whole or in part."""
+    password = (before.partition(":")[2] or before).rstrip("@")
+    values = [pair.partition("=")[2] or pair for pair in re.split(r"[?#&;]", after)]
+    words = [password, *re.split(r"[/:@?#]", password), *values]
+    return {form for word in words for form in (word, unquote(word)) if form}
+
+
+def _in_sentence(found: re.Match[str]) -> str:
+    closing = _CLOSING.search(found[0])
+    end = closing.start() if closing else len(found[0])
+    return public_url(found[0][:end]) + found[0][end:]

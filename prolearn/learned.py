@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.extras import told_which_extra
+from pipeline.errors import told_which_extra
 
 if TYPE_CHECKING:
     import pyarrow as pa

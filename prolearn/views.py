@@ -9,16 +9,14 @@ from typing import Literal
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError
-from pipeline.extras import told_which_extra
+from pipeline.errors import InputError, told_which_extra
 from pipeline.figures.style import save
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan import Plan
 from pipeline.show import page
-from pipeline.tradeoff import Point, knee_of
-from pipeline.tradeoff.figure import tradeoff_figure
+from pipeline.tradeoff import Point, knee_of, tradeoff_figure
 from prolearn.flying import MonteCarlo
 
 STEPS = 24  # points drawn in each interval

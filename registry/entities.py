@@ -11,8 +11,7 @@ from typing import Any, SupportsFloat
 
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param
 
-from pipeline.text import visible
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url, visible
 
 TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"  # what MLflow calls a dataset's use
 
@@ -57,7 +56,7 @@ def metrics_of(
     step: int = 0,
     stamp: int | None = None,
 ) -> list[Any]:
-    """MLflow's metrics, reached by now, of a run and of a model that it logged."""
+    """MLflow's metrics, as of now, of a run and of a model that it logged."""
     stamp = now() if stamp is None else stamp
     return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in values.items()]
 
@@ -90,12 +89,12 @@ def dataset_input(
     return DatasetInput(entity, [InputTag("mlflow.data.context", context)])
 
 
-def whole(text: str) -> int | None:
+def whole_number(text: str) -> int | None:
     """A whole number in ordinary digits, or None where the text is none."""
     return int(text) if _WHOLE.fullmatch(text) else None
 
 
-def moment(milliseconds: int | None) -> datetime:
+def utc_time(milliseconds: int | None) -> datetime:
     """A time of MLflow's as a date in UTC; 1970-01-01 where it is none."""
     try:
         return datetime.fromtimestamp((milliseconds or 0) / 1000, UTC)

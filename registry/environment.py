@@ -55,7 +55,7 @@ def changed_since(tags: Mapping[str, str], decided_by: DecidedBy) -> str:
 
 
 def versions_of(tags: Mapping[str, str]) -> dict[str, str]:
-    """The versions that decided what an earlier run gave; none where it did not say."""
+    """The versions that decided an earlier run; none where its tags do not say."""
     try:
         found = parsed(tags.get(MADE_WITH, "").encode())
     except ValueError:

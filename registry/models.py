@@ -15,7 +15,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.scratch import scratch_folder
-from registry.entities import moment, own_tags, pages, recorded, warn, whole
+from registry.entities import own_tags, pages, recorded, utc_time, warn, whole_number
 from registry.environment import MADE_WITH
 from registry.store import TRAINING, Store, opened
 
@@ -64,7 +64,7 @@ class ModelVersion:
         """Refuse a training run whose seed or swarm size is no number."""
         for name in ("seed", "n_spacecraft"):
             text = self.params.get(name, "0")
-            if whole(text) is None:
+            if whole_number(text) is None:
                 raise InputError(
                     f"{self.uri} cannot be used: {name} of its training run {self.run_id} is "
                     f"{text[:40]!r}; expected a whole number: delete the version, or name another."
@@ -111,11 +111,10 @@ def list_versions() -> list[ModelVersion]:
 
 
 def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVersion]:
-    """The newest trainings of each architecture and recipe that differ in their seed alone.
+    """The newest training of each architecture, recipe and seed.
 
-    Of those trained on other data or with other settings, only those like the newest count; of
-    several trainings with one seed the newest. With digests of data, by swarm size, only those
-    that were trained on it.
+    Of an architecture and recipe only trainings on the same data with the same settings as the
+    newest count. With digests of data, by swarm size, only those trained on it.
     """
     wanted = set(digests.items()) if digests is not None else None
     versions = [v for v in list_versions() if wanted is None or (v.n, v.dataset_digest) in wanted]
@@ -220,7 +219,6 @@ def _versions(store: Store) -> list[ModelVersion]:
 
 
 def _described(found: Any, run: Any) -> ModelVersion:
-    """The ModelVersion of an MLflow model version and its training run, if there is one."""
     tags = dict(found.tags)
     return ModelVersion(
         name=found.name,
@@ -231,7 +229,7 @@ def _described(found: Any, run: Any) -> ModelVersion:
         model_id=found.model_id or tags.get("model_id", ""),
         aliases=tuple(sorted(found.aliases)),
         dataset_digest=tags.get("dataset_digest", ""),
-        created=moment(found.creation_timestamp),
+        created=utc_time(found.creation_timestamp),
         params=recorded(run.data.params) if run else {},
         metrics=dict(run.data.metrics) if run else {},
         tags=own_tags(run.data.tags) if run else {},

@@ -1,8 +1,12 @@
-"""Runs of experiments in MLflow, with checksums of their files: recorded, found and read."""
+"""Runs of experiments in MLflow, with checksums of their files: recorded, found, read, resumed."""
 
+import hashlib
+import json
+import platform
 import re
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,14 +16,17 @@ import mlflow
 import pandas as pd
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.experiments.parts import FinishedParts, open_parts
 from pipeline.progress import SILENT, Progress
+from pipeline.provenance import made_with
 from pipeline.scratch import scratch_folder
+from pipeline.storage.folder import open_folder
 from pipeline.storage.shards import digest_of
 from pipeline.storage.tables import table_bytes, table_from
 from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.running import recorded_run
-from registry.store import EVALUATION, Store, opened
+from registry.store import EVALUATION, Store, connect, opened
 
 LISTED = 5  # most runs that an error message names
 
@@ -31,6 +38,8 @@ LAST = 10**DIGITS - 1  # greatest number there is; runs that share one are order
 AT_ONCE = 20  # runs that are asked for at once; the newest are wanted most
 TABLE = "tables/table.parquet"  # a run's table, among its artifacts
 FILES = "files"  # the folder there of what goes with the table
+UNFINISHED = "mlruns/.unfinished"  # beside the store: parts of runs that are not finished
+KEY_DIGITS = 32  # hexadecimal digits of what decides the parts, in the name of their folder
 DIGEST = "sha256/"  # prefix of the tags that hold the SHA-256 of the file whose name follows
 
 _ARRAYS = re.compile(rf"{FILES}/[\w. -]+\.npz")
@@ -160,7 +169,7 @@ def table_of(run: Run) -> pd.DataFrame:
     try:
         return table_from(content)
     except InputError as error:
-        raise unusable(run, TABLE, error) from error
+        raise unusable_file(run, TABLE, error) from error
 
 
 @contextmanager
@@ -177,7 +186,7 @@ def arrays_of(run: Run) -> Iterator[list[Path]]:
         yield paths
 
 
-def unusable(run: Run, name: str, why: object) -> InputError:
+def unusable_file(run: Run, name: str, why: object) -> InputError:
     """The error for a file of a run that cannot be used."""
     return InputError(
         f"{name} of run {run.run_id} of {run.experiment} cannot be used ({why}); restore the file, "
@@ -198,7 +207,7 @@ def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
             "docs/mlflow.md."
         ) from error
     if digest != run.tags.get(DIGEST + name, digest):
-        raise unusable(run, name, "its SHA-256 is not the recorded one")
+        raise unusable_file(run, name, "its SHA-256 is not the recorded one")
     return path
 
 
@@ -229,7 +238,7 @@ def _run_of(store: Store, run: Any) -> Run:
     return Run(
         experiment=names[run.info.experiment_id],
         run_id=run.info.run_id,
-        created=entities.moment(run.info.start_time),
+        created=entities.utc_time(run.info.start_time),
         params=entities.recorded(run.data.params),
         tags=entities.own_tags(run.data.tags),
     )
@@ -250,3 +259,28 @@ def _number(run: Any) -> int:
     """A run's number; 0 where it has none."""
     text = run.data.tags.get(SEQUENCE, "")
     return int(text) if re.fullmatch(f"[0-9]{{{DIGITS}}}", text) else 0
+
+
+@contextmanager
+def unfinished_parts(
+    experiment: str, decided_by: Mapping[str, Any], *, resume: bool, progress: Progress = SILENT
+) -> Iterator[FinishedParts]:
+    """Finished parts of an experiment that has not ended, removed once the block has ended well.
+
+    With ``resume`` those of an earlier run are used where settings, versions and machine are the
+    same; else they are removed. InputError where another process is doing the same.
+    """
+    settings = {
+        **decided_by,
+        "made_with": dict(made_with(*EVALUATED_BY)),
+        "machine": platform.node(),
+    }
+    text = json.dumps(settings, sort_keys=True, default=str).encode()
+    name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
+    place = connect().beside / UNFINISHED
+    folder = open_folder(place / name)
+    with open_parts(folder, EVALUATED_BY, again=resume, progress=progress) as parts:
+        yield parts
+    shutil.rmtree(place / name, ignore_errors=True)
+    with suppress(OSError):  # where other experiments are under way
+        place.rmdir()

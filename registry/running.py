@@ -4,21 +4,17 @@ A process that writes runs holds a lock file, whose token is in a tag of each ru
 the store next and finds a lock file that nobody holds closes the runs with its tag.
 """
 
-import hashlib
 import platform
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mlflow
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.scratch import TOKEN, clear_dead, living
+from pipeline.scratch import TOKEN, clear_dead, held_lock_file
 from registry.entities import pages
-from registry.sqlite import database_path
 
 if TYPE_CHECKING:
     from registry.store import Store
@@ -34,8 +30,8 @@ def recorded_run(
     store: "Store", experiment: str, name: str, tags: Mapping[str, str], *, again: str | None = None
 ) -> Iterator[str]:
     """An MLflow run, new or of the id ``again``: FINISHED after the block, or FAILED."""
-    folder, prefix = _place(store.uri)
-    with living(folder, prefix, keep_on_error=True) as process:
+    folder, prefix = store.locks
+    with held_lock_file(folder, prefix, keep_on_error=True) as process:
         key = f"{WRITER}{process[-TOKEN:]}"
         with mlflow.start_run(
             run_id=again,
@@ -50,20 +46,10 @@ def recorded_run(
             store.client.delete_tag(run.info.run_id, key)
 
 
-def close_abandoned(client: Any, uri: str) -> None:
+def close_abandoned(store: "Store") -> None:
     """Mark as KILLED, where possible, runs that dead processes of this machine were writing."""
-    folder, prefix = _place(uri)
     with suppress(*FAILURES):
-        clear_dead(folder, prefix, lambda name: _close(client, name))
-
-
-def _place(uri: str) -> tuple[Path, str]:
-    """Where lock files are: beside an SQLite store, else in this machine's temporary folder."""
-    if uri.startswith("sqlite:"):
-        path = database_path(uri).resolve()
-        return path.parent / "mlruns" / ".running", f"{path.name}-"
-    store = hashlib.sha256(uri.encode()).hexdigest()[:12]
-    return Path(tempfile.gettempdir()), f"prolearn-run-{store}-"
+        clear_dead(*store.locks, lambda name: _close(store.client, name))
 
 
 def _close(client: Any, name: str) -> None:

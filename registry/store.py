@@ -1,28 +1,31 @@
-"""The MLflow tracking store: opened safely, its failures as sentences."""
+"""The MLflow tracking store: opened safely, an SQLite file checked, failures as sentences."""
 
+import hashlib
 import logging
 import os
+import sqlite3
 import ssl
+import tempfile
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any
 
 import mlflow
+from filelock import FileLock, Timeout
 from mlflow.entities import ViewType
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url
 from registry.entities import pages
 from registry.running import FAILURES, close_abandoned
-from registry.sqlite import check_whole, database_path, guarded
 
 DEFAULT_URI = "sqlite:///mlflow.db"
 
@@ -47,6 +50,11 @@ PROCESS_DEFAULTS = {
 }
 """Settings of MLflow for this process, where the user has chosen none."""
 
+LOCK_SECONDS = 120.0
+"""How long another process may take to set up a fresh store; a few seconds is usual."""
+
+ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
+
 
 @dataclass(frozen=True)
 class Store:
@@ -61,6 +69,18 @@ class Store:
         """The folder of an SQLite file; where the store is a server, the current one."""
         return database_path(self.uri).parent if self.uri.startswith("sqlite:") else Path.cwd()
 
+    @property
+    def locks(self) -> tuple[Path, str]:
+        """Folder and prefix of the lock files of processes that write runs.
+
+        They are beside an SQLite store, else in this machine's temporary folder.
+        """
+        if self.uri.startswith("sqlite:"):
+            path = database_path(self.uri).resolve()
+            return path.parent / "mlruns" / ".running", f"{path.name}-"
+        store = hashlib.sha256(self.uri.encode()).hexdigest()[:12]
+        return Path(tempfile.gettempdir()), f"prolearn-run-{store}-"
+
 
 def connect(*more: str, create: bool = True) -> Store:
     """The tracking store, with EXPERIMENTS and ``more`` in it.
@@ -73,7 +93,7 @@ def connect(*more: str, create: bool = True) -> Store:
     uri = os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
     with explained(uri):
         store = _connect(uri, create, (*EXPERIMENTS, *more))
-        close_abandoned(store.client, store.uri)
+        close_abandoned(store)
     clear_scratch()
     return store
 
@@ -131,7 +151,6 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
 
 
 def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
-    """The store with experiments in it, by where their artifacts go."""
     given = os.environ.get("MLFLOW_TRACKING_URI")
     mlflow.set_tracking_uri(uri)
     # MLflow writes the address into the environment, where it would outlive a change of folder.
@@ -181,3 +200,79 @@ def _check_reachable(uri: str) -> None:
             f"The tracking server {public_url(uri)} does not answer ({public(reason, uri)}); "
             "expected a reachable MLflow server: start it, or correct or unset MLFLOW_TRACKING_URI."
         ) from error
+
+
+def database_path(uri: str) -> Path:
+    """Absolute path of the file behind an ``sqlite:///`` address; InputError for one without."""
+    name = uri.partition(":///")[2].partition("?")[0]
+    if not name or name == ":memory:":
+        raise InputError(
+            f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected a file, such as "
+            "sqlite:///mlflow.db, since a store in memory is lost when the command ends."
+        )
+    return Path(name).absolute()
+
+
+@contextmanager
+def guarded(path: Path, *, create: bool) -> Iterator[None]:
+    """Hold the lock beside a database that MLflow may open, create and migrate in the block.
+
+    Migrations of a fresh file collide when several processes start them at once. InputError where
+    the file is missing and not to be made, or is no store of MLflow.
+    """
+    if not path.exists():
+        if not create:
+            raise InputError(
+                f"There is no tracking store at {path}; expected one with results in it: run "
+                "`prolearn train` here first, change the folder, or set MLFLOW_TRACKING_URI."
+            )
+        path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(f"{path}.lock", timeout=LOCK_SECONDS):
+            check_database(path)
+            yield
+    except Timeout as error:
+        raise ProlearnError(
+            f"{path}.lock has been held for {LOCK_SECONDS:g} s; expected the process that sets up "
+            "the tracking store to be done by now: end it and try again."
+        ) from error
+
+
+def check_database(path: Path) -> None:
+    """InputError for a file whose tables are not MLflow's; a missing or empty one will be one."""
+    try:
+        tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
+    except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
+            return  # of a killed writer, whose half a change SQLite takes back once it may write
+        raise InputError(
+            f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
+        ) from error
+    if tables and not tables & {"experiments", "alembic_version"}:
+        raise InputError(
+            f"{path} is an SQLite database of something else; expected a tracking store of "
+            f"MLflow: {ADVICE}."
+        )
+
+
+def check_whole(path: Path) -> None:
+    """Raise InputError for a database that is damaged; all is read, so this is for a failed one."""
+    try:
+        ((verdict,),) = _read(path, "PRAGMA quick_check(1)") or [("ok",)]
+    except sqlite3.OperationalError:  # locked, or a disk that fails: no word on the content
+        return
+    except sqlite3.DatabaseError as error:
+        verdict = str(error)
+    if verdict != "ok":
+        raise InputError(
+            f"{path} is damaged ({verdict.splitlines()[-1]}); expected a sound SQLite tracking "
+            f"store: restore a copy, {ADVICE}."
+        )
+
+
+def _read(path: Path, query: str) -> list[tuple[str]]:
+    """The rows that a query gives; none of a file that is missing or empty."""
+    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        return []
+    with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
+        return database.execute(query).fetchall()

@@ -316,10 +316,10 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
     return {
         **{name: getattr(version, name) for name in ("arch", "recipe", "training_seed", "version")},
-        **{name: entities.whole(params.get(name, "")) for name in counts},
+        **{name: entities.whole_number(params.get(name, "")) for name in counts},
         **{name: metrics.get(name) for name in measured},
         **{name: params.get(name) for name in ("device", "threads")},
-        "best_epoch": entities.whole(f"{metrics.get('best_epoch', math.nan):.0f}"),
+        "best_epoch": entities.whole_number(f"{metrics.get('best_epoch', math.nan):.0f}"),
         "valid_loss": metrics.get("best_valid_loss"),
         "seconds": metrics.get("training_seconds"),
     }

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from pipeline.extras import EXTRAS
+from pipeline.errors import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("prolearn", "pipeline", "registry", "cli")

@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from cli.jobs.networks import EvaluatedNetwork, networks, unlearned
+from cli.jobs.networks import EvaluatedNetwork, classical_planners, networks
 from cli.jobs.run_tables import add_to_model
-from cli.options import float_list, int_list, name_list
+from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
@@ -18,7 +18,7 @@ from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
-from pipeline.experiments.parts import Kept
+from pipeline.experiments.parts import FinishedParts
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
     Comparison,
@@ -39,10 +39,9 @@ from pipeline.planners.network import FallbackPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
-from pipeline.urls import public_url
-from registry.results import Done, earlier_run, record
+from pipeline.text import public_url
+from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
-from registry.unfinished import unfinished
 
 COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
@@ -70,18 +69,17 @@ class HeldOut:
         self,
         experiment: str,
         params: Mapping[str, Any],
-        make: Callable[[Path, Kept], pd.DataFrame],
+        make: Callable[[Path, FinishedParts], pd.DataFrame],
         *,
         kind: Sequence[str] = (),
         resume: bool,
         progress: Progress,
     ) -> Done:
-        """Run and record an experiment; with ``resume``, return an equal earlier run instead.
+        """Run and record an experiment; with ``resume``, go on with an earlier run, or return it.
 
-        Of one that did not come to its end, ``resume`` uses the parts that were done. ``params``
-        are those that its settings leave open or do not have; ``make`` gives a row for each trial,
-        keeps its parts and leaves files in a folder; ``kind`` names settings that tell kinds of its
-        runs apart.
+        ``params`` are parameters beside the settings, or in place of those that they leave open.
+        ``make`` makes the table, a row for each trial, keeps its parts, and writes files to a
+        folder. ``kind`` names settings that tell kinds of the experiment's runs apart.
         """
         params = {
             **vars(self.settings),
@@ -92,10 +90,10 @@ class HeldOut:
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        weights = [network.predictor.digest for network in self.networks]
+        weights = [network.model.digest for network in self.networks]
         decided_by = {"params": params, "networks": weights}
         with (
-            unfinished(experiment, decided_by, resume=resume, progress=progress) as kept,
+            unfinished_parts(experiment, decided_by, resume=resume, progress=progress) as kept,
             scratch_folder() as scratch,
         ):
             table, used = make(scratch, kept), (self.settings.data, self.digest)
@@ -104,10 +102,10 @@ class HeldOut:
 
 
 def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: str = "") -> HeldOut:
-    """The test scenarios and networks of an experiment; of each size the first scenarios by index.
+    """The test scenarios and networks of an experiment.
 
-    Without sizes those of the dataset, and without models in the settings the newest trained on it
-    take part, of ``arch`` alone if given. An InputError names models or sizes that cannot.
+    Sizes are by default those of the dataset, networks the newest trained on it, of one
+    architecture alone if given. InputError for models or sizes that cannot take part.
     """
     data, trials = settings.data, settings.trials
     if trials is not None and trials < 1:
@@ -141,9 +139,9 @@ def evaluate(
         raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
     ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
     scenarios = ground.scenarios
-    planners = [*unlearned(), *(network.alone for network in ground.networks)]
+    planners = [*classical_planners(), *(network.evaluated for network in ground.networks)]
 
-    def run(files: Path, kept: Kept) -> pd.DataFrame:
+    def run(files: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
         tables = run_trials(
             sizes, timed=settings.timed, workers=workers, kept=kept, progress=progress
@@ -169,9 +167,10 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
     ground = held_out(settings, int_list(sizes))
     scenarios = ground.scenarios
-    seeds = {(net.label, net.training_seed): net.predictor for net in ground.networks}
+    networks = ground.networks
+    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in networks}
 
-    def run(_: Path, kept: Kept) -> pd.DataFrame:
+    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = list(scenarios.values())
         return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
 
@@ -188,20 +187,20 @@ def transfer_times(
 ) -> Done:
     """Experiment 4: the same ends with other transfer times."""
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
-    time_steps = None if steps is None else float_list(steps, "--time-step")
+    time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     ground = held_out(settings, [settings.n])
     scenarios = ground.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
 
     def planners(problem: Problem) -> list[EvaluatedPlanner]:
         """Experts and baselines, which plan for any problem, and the networks that fit it."""
-        fitting = unlearned()
+        fitting = classical_planners()
         for network in ground.networks:
             with suppress(InputError):  # its weights are for another T
-                fitting.append(network.on(problem).alone)
+                fitting.append(network.on(problem).evaluated)
         return fitting
 
-    def run(_: Path, kept: Kept) -> pd.DataFrame:
+    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         return run_transfer_times(
             planners, scenarios, varied, workers=workers, kept=kept, progress=progress
         )
@@ -209,7 +208,7 @@ def transfer_times(
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
         "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
-        "networks": listed(network.label for network in ground.networks),
+        "networks": listed(one.evaluated.label for one in ground.networks),
     }
     return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
 
@@ -223,8 +222,7 @@ def flights(
 ) -> Done:
     """Experiment 5: plans are flown, those of networks made safe first where they are not.
 
-    Swarms of the paper's largest size fly beside those that were asked for, where the dataset has
-    any.
+    Swarms of the paper's largest size fly, too, where the dataset has any.
     """
     ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []
@@ -234,13 +232,13 @@ def flights(
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
     shortest = replace(scenarios[0].problem, nodes=SHORTEST)
     for network in ground.networks:
-        network.predictor.on(shortest)  # refuses weights that fit one T alone
+        network.on(shortest)  # refuses weights that fit one T alone
     safe = [
-        EvaluatedPlanner(FallbackPlanner(network.planner), network.recipe, network.training_seed)
-        for network in ground.networks
+        replace(one.evaluated, planner=FallbackPlanner(one.planner), predictor=None)
+        for one in ground.networks
     ]
 
-    def run(_: Path, kept: Kept) -> pd.DataFrame:
+    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         return run_flights(
             [EvaluatedPlanner(Expert()), *baselines, *safe],
             scenarios,
@@ -252,6 +250,6 @@ def flights(
             progress=progress,
         )
 
-    params = {"networks": listed(network.label for network in ground.networks)}
+    params = {"networks": listed(one.evaluated.label for one in ground.networks)}
     params["larger"] = f"{len(larger)} of n={LARGEST_SIZE}" if larger else ""
     return ground.run(FLIGHTS, params, run, resume=resume, progress=progress)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from pipeline.errors import InputError
 from pipeline.files import write_text
-from pipeline.markdown import Markdown, code, formatted, table
+from pipeline.markup import Markdown, code, formatted, table, template
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
 from pipeline.networks.onnx_export import TOLERANCE, Exported
@@ -17,7 +17,6 @@ from pipeline.networks.refiner.model import FOLDER, SAFE, STEADY
 from pipeline.networks.refiner.on_board import STEPS, outputs, value
 from pipeline.networks.refiner.on_board_export import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board_export import ExportedCraft, export_craft
-from pipeline.templates import template
 from registry.models import PREFIX, ModelVersion, load
 from registry.training import model_metric_by_size
 
@@ -59,13 +58,12 @@ def export(
     n: int | None = None,
     flown: bool = False,
 ) -> ExportedModel:
-    """Export a registered model or the packaged refiner as ONNX, its card as ``<out>.md``.
+    """Export a registered model or the packaged refiner (None) as ONNX, its card as ``<out>.md``.
 
-    A refiner becomes a folder of files, named as the file would be but without ``.onnx``; None is
-    the packaged one, which needs no store. The file, by default ``<name>-v<version>.onnx`` here, is
-    for n craft, or any number that the architecture answers for; ``flown`` projects the prediction
-    onto the transfers that can be flown. A refiner takes neither. A ProlearnError says where the
-    file does not answer as the model does.
+    A refiner becomes a folder of files, named as the file would be but without ``.onnx``, and takes
+    neither n nor ``flown``. Other files are for n craft, by default any number that the
+    architecture answers for; ``flown`` projects predictions onto transfers that can be flown.
+    ProlearnError where a file does not answer as the model does.
     """
     model, version = (load_network(FOLDER), None) if reference is None else load(reference)
     names = () if version is None else ("uri", "run_id", "dataset_digest")
@@ -105,7 +103,6 @@ def export(
 def _model_card(
     version: ModelVersion, model: Model, exported: Exported, measured: Measured, sha256: str
 ) -> str:
-    """The card of an ONNX file as Markdown; ``sha256`` is the file's."""
     checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
     times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
     nodes = model.problem.nodes
@@ -136,7 +133,6 @@ def _model_card(
 def _craft_card(
     version: ModelVersion | None, model: Model, exported: ExportedCraft, measured: Measured
 ) -> str:
-    """The card of a refiner's files for one craft as Markdown; the packaged one has no version."""
     files = [
         (
             code(f"{name}.onnx"),
@@ -183,7 +179,6 @@ def _content(name: str) -> Markdown:
 
 
 def _training(version: ModelVersion | None, model: Model) -> Markdown:
-    """What it was trained on, as far as the registry or the model itself knows."""
     problem = model.problem
     rows: list[tuple[str, object]] = [
         ("spacecraft in each", model.n_train),

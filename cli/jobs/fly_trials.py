@@ -56,14 +56,9 @@ def fly_trials(
 
 
 def _write_table(summaries: Sequence[Summary], path: Path) -> None:
-    rows = []
-    for one in summaries:
-        row = one.document()
-        for interval in [name for name in row if name.endswith("_interval")]:
-            name, (low, high) = (
-                interval.removesuffix("_interval"),
-                row.pop(interval) or (None, None),
-            )
-            row[f"{name}_low"], row[f"{name}_high"] = low, high
-        rows.append(row)
-    write_csv(pd.DataFrame(rows), path)
+    table = pd.DataFrame([one.document() for one in summaries])
+    for name in [name for name in map(str, table) if name.endswith("_interval")]:
+        ends = [pair or (None, None) for pair in table.pop(name)]
+        of = name.removesuffix("_interval")
+        table[[f"{of}_low", f"{of}_high"]] = pd.DataFrame(ends)
+    write_csv(table, path)

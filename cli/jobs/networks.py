@@ -14,27 +14,32 @@ from pipeline.planners.named import refuse_effort, with_expert
 from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
-from pipeline.urls import public_url
+from pipeline.text import public_url
 from registry.models import ModelVersion, load, newest_trainings, resolve
 
 
-@dataclass(frozen=True, kw_only=True)
-class EvaluatedNetwork(EvaluatedPlanner):
-    """A registered network, flown and as predicted, named by version too where trainings differ."""
+@dataclass(frozen=True, eq=False)
+class EvaluatedNetwork:
+    """A registered network in the experiments, named by version too where trainings differ."""
 
-    planner: NetworkPlanner
-    predictor: Model
+    model: Model
     version: ModelVersion
+    name: str
 
     @property
-    def alone(self) -> EvaluatedPlanner:
-        """The same without its version, for workers, who need not know of MLflow."""
-        return EvaluatedPlanner(self.planner, self.recipe, self.training_seed, self.predictor)
+    def planner(self) -> NetworkPlanner:
+        """It as a planner, whose plans can be flown."""
+        return NetworkPlanner(self.model, self.name)
+
+    @property
+    def evaluated(self) -> EvaluatedPlanner:
+        """It flown and as predicted, for workers, who need not know of MLflow."""
+        of = self.version
+        return EvaluatedPlanner(self.planner, of.recipe, of.training_seed, self.model)
 
     def on(self, problem: Problem) -> "EvaluatedNetwork":
         """The same network for another time grid; InputError where its weights do not fit."""
-        model = self.predictor.on(problem)
-        return replace(self, planner=NetworkPlanner(model, self.planner.name), predictor=model)
+        return replace(self, model=self.model.on(problem))
 
 
 def newest_on(data: Where) -> list[ModelVersion]:
@@ -51,11 +56,10 @@ def newest_on(data: Where) -> list[ModelVersion]:
 
 
 def networks(references: Sequence[str], data: Where, arch: str = "") -> list[EvaluatedNetwork]:
-    """The networks of some references; without any, the newest that were trained on some data.
+    """Networks by reference; without any, the newest trained on some data.
 
-    These are of one architecture alone where it is given. The order is the same whatever that of
-    the references is. An InputError names a model that is none, or of another orbit or time grid
-    than the data's.
+    The latter are of one architecture if given. InputError for a reference that is no model, or a
+    model of another orbit or time grid than the data's.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
     chosen = named or [v for v in newest_on(data) if arch in ("", v.arch)]
@@ -69,19 +73,11 @@ def networks(references: Sequence[str], data: Where, arch: str = "") -> list[Eva
         name = f"{version.arch}/{version.version}" if mixed else version.arch
         model, _ = load(version)
         check_problem(model, problem, public_url(data))
-        found.append(
-            EvaluatedNetwork(
-                planner=NetworkPlanner(model, name),
-                recipe=version.recipe,
-                training_seed=version.training_seed,
-                predictor=model,
-                version=version,
-            )
-        )
+        found.append(EvaluatedNetwork(model, version, name))
     return found
 
 
-def unlearned() -> list[EvaluatedPlanner]:
+def classical_planners() -> list[EvaluatedPlanner]:
     """The expert in both separation settings, and the baselines."""
     at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
     return [EvaluatedPlanner(planner) for planner in (Expert(), at_nodes, *BASELINES)]
@@ -90,10 +86,9 @@ def unlearned() -> list[EvaluatedPlanner]:
 def model_planner(
     reference: str, requirements: Requirements, *, effort: str | None, raw: bool
 ) -> Planner:
-    """The planner that a reference to a model names; InputError where there is none.
+    """The planner of a registered model; InputError where there is none.
 
-    The expert comes after it with some effort, of EFFORTS, as in ``with_expert``: unless ``raw``,
-    which leaves the model's flown plan as it is, safe or not, and goes with no effort.
+    The expert comes after it, as in ``with_expert``, unless ``raw``, which takes no effort.
     """
     if raw:
         refuse_effort(effort)

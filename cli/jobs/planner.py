@@ -2,9 +2,8 @@
 
 import re
 
-from pipeline.errors import InputError, check_choice
+from pipeline.errors import InputError, check_choice, told_which_extra
 from pipeline.expert.settings import EFFORTS, Effort
-from pipeline.extras import told_which_extra
 from pipeline.networks.recipes import architecture_names
 from pipeline.plan import Requirements
 from pipeline.planners.goal_assignment import GoalAssignment

@@ -12,13 +12,13 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import OPTIMIZERS
 from pipeline.experiments.trials import read_example
 from pipeline.figures.transfer import Example
-from pipeline.markdown import formatted
+from pipeline.markup import formatted
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
 from registry.environment import versions_of
 from registry.models import ModelVersion, list_versions
-from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable
+from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable_file
 from registry.store import FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import training_tables
 
@@ -86,7 +86,7 @@ def _example(run: Run, path: Path) -> Example:
     try:
         return read_example(path)
     except InputError as error:
-        raise unusable(run, f"{FILES}/{path.name}", error) from error
+        raise unusable_file(run, f"{FILES}/{path.name}", error) from error
 
 
 def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
@@ -115,7 +115,6 @@ def _model_names(run: Run) -> list[str]:
 
 
 def _models_of(run: Run) -> list[ModelVersion]:
-    """The models of a run that are still registered."""
     wanted = _model_names(run)
     return [version for version in list_versions() if version.uri in wanted]
 
@@ -137,12 +136,12 @@ def _without_faulty(
 
     first, models, sound, notes = parts[EVALUATED], [], {}, []
     if found := fault({}):
-        raise unusable(first.run, TABLE, f"no report can be made of its values: {found}")
+        raise unusable_file(first.run, TABLE, f"no report can be made of its values: {found}")
     for name, part in parts.items():
         if name == EVALUATED:
             continue
         if found := fault({name: part}):
-            notes.append(f"{name} is left out: {unusable(part.run, TABLE, found)}")
+            notes.append(f"{name} is left out: {unusable_file(part.run, TABLE, found)}")
         else:
             sound[name] = part
     for version in first.models:
@@ -156,7 +155,6 @@ def _without_faulty(
 def _results(
     parts: Mapping[str, Found], examples: Sequence[Example], notes: Sequence[str]
 ) -> Results:
-    """The tables that a report is made from, and what is said of them."""
     training, curves = training_tables(parts[EVALUATED].models)
     tables: dict[str, list[pd.DataFrame]] = {}
     for part in parts.values():
@@ -168,11 +166,11 @@ def _results(
         curves=curves,
         examples=examples,
         provenance=_provenance(parts),
-        notes=[*notes, *_how_made(parts), *_other_models(parts)],
+        notes=[*notes, *_version_notes(parts), *_model_notes(parts)],
     )
 
 
-def _how_made(parts: Mapping[str, Found]) -> list[str]:
+def _version_notes(parts: Mapping[str, Found]) -> list[str]:
     """Notes on parts that were made with other versions, or recorded without checksums."""
     notes, made = [], {name: versions_of(part.run.tags) for name, part in parts.items()}
     for name, versions in made.items():
@@ -187,7 +185,7 @@ def _how_made(parts: Mapping[str, Found]) -> list[str]:
     return notes
 
 
-def _other_models(parts: Mapping[str, Found]) -> list[str]:
+def _model_notes(parts: Mapping[str, Found]) -> list[str]:
     """Notes on parts with other models than the evaluation."""
     evaluated, notes = _model_names(parts[EVALUATED].run), []
     for name, part in parts.items():

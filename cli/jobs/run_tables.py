@@ -21,7 +21,7 @@ from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
-from registry.results import TABLE, Run, experiment_run, table_of, unusable
+from registry.results import TABLE, Run, experiment_run, table_of, unusable_file
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import add_model_results
 
@@ -62,26 +62,26 @@ def sound_table(run: Run) -> pd.DataFrame:
     """A run's table: a row for each trial; InputError where it is none of its experiment's."""
     table = table_of(run).replace("own LP", DECOUPLED)  # its earlier name
     if table.empty:
-        raise unusable(run, TABLE, "it has no rows")
+        raise unusable_file(run, TABLE, "it has no rows")
     of_experiment, _ = KINDS[run.experiment]
     for name, kind in TABLES[of_experiment].items():
         if name not in table:
-            raise unusable(run, TABLE, f"it has no column {name}")
+            raise unusable_file(run, TABLE, f"it has no column {name}")
         words, fitting = FITTING[kind]
         gaps = kind in (str, int) and table[name].hasnans
         if gaps or infer_dtype(table[name], skipna=True) not in fitting:
-            raise unusable(run, TABLE, f"its column {name} does not hold {words} in every row")
+            raise unusable_file(run, TABLE, f"its column {name} does not hold {words} in every row")
     return table
 
 
 def averages(run_id: str) -> list[dict[str, Any]]:
-    """The averages of an experiment's run, as in the report: a row each planner and setting."""
+    """The averages of an experiment's run, as in the report: a row for each planner and setting."""
     run = experiment_run(run_id)
     trials, (_, averaged) = sound_table(run), KINDS[run.experiment]
     try:
         rows = averaged(trials)
     except Exception as error:  # of any kind: anyone may have written any values
-        raise unusable(run, TABLE, f"its values have no averages: {error!r}") from error
+        raise unusable_file(run, TABLE, f"its values have no averages: {error!r}") from error
     plain = rows.astype(object).where(rows.notna(), None)  # no number of pandas' own kinds
     return [dict(zip(rows.columns, row, strict=True)) for row in plain.itertuples(index=False)]
 
@@ -90,12 +90,13 @@ def add_to_model(
     network: EvaluatedNetwork, trials: pd.DataFrame, scenario: Scenario, dataset: tuple[str, str]
 ) -> None:
     """Add metrics, figures and the dataset (folder, digest) of an evaluation to a network's run."""
-    same = (trials.planner == network.planner.name) & (trials.recipe == network.recipe)
-    mine = summarize(trials[same & (trials.training_seed == network.training_seed)])
+    one = network.evaluated
+    same = (trials.planner == network.name) & (trials.recipe == one.recipe)
+    mine = summarize(trials[same & (trials.training_seed == one.training_seed)])
     beside = summarize(trials[trials.planner == Expert().name])
-    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), network]
+    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), one]
     paper, style = sizes_of_paper(summary), styles(summary["planner"])
-    metrics = _metrics(mine, network.predictor.n_train)
+    metrics = _metrics(mine, network.model.n_train)
     with scratch_folder() as scratch:
         for name in ("collisions", "fuel", "safe"):
             figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)

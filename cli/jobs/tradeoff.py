@@ -13,8 +13,7 @@ from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
-from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff
-from pipeline.tradeoff.figure import tradeoff_figure
+from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff, tradeoff_figure
 
 PLANS = "plans"  # folder of the plans within that of the trade-off
 PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
@@ -34,15 +33,13 @@ def trade(
     durations: tuple[float, float],
     progress: Progress = SILENT,
 ) -> Sequence[dict[str, Any]]:
-    """Plan a scenario for several durations and write the plans, a table and a figure.
+    """Plan a scenario for several durations (s) and write the plans, a table and a figure.
 
-    Only safe plans are written as files. Those of an earlier trade-off in the folder go. Durations
-    are the shortest and the longest, s.
+    Only safe plans are written as files. Those of an earlier trade-off in the folder are removed.
 
     Returns:
         A plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
-        ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan``, or
-        None where it is not safe.
+        ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan`` or None.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")

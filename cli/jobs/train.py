@@ -25,21 +25,13 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
+from pipeline.text import public_url
 from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train, training_device
-from pipeline.urls import public_url
+from registry import models
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
-from registry.models import (
-    ModelVersion,
-    champion_of,
-    list_versions,
-    load,
-    note_contest,
-    recipe_params,
-    resolve,
-    set_champion,
-)
+from registry.models import ModelVersion
 from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
@@ -67,15 +59,15 @@ def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
 def trained_before(
     arch: str, seed: int, settings: TrainingSettings, progress: Progress = SILENT
 ) -> tuple[ModelVersion, Contest | None] | None:
-    """The newest version that was trained like this, by this code, on the same data, if any.
+    """The newest version trained by this code with the same recipe, seed and data, if any.
 
-    It must have been trained on the device of the settings where they name one. Where its training
+    It counts for a device that the settings name only if it was trained there. Where its training
     was killed before it was compared with the champion, it is now, and the outcome is returned.
-    ``progress`` is told where other versions trained one like this, which does not count. An
-    InputError names what is unknown or makes no sense.
+    Progress is told of a version trained by other versions of the code. InputError for unknown
+    names.
     """
     wanted = {
-        **recipe_params(followed_recipe(arch, seed, settings)),
+        **models.recipe_params(followed_recipe(arch, seed, settings)),
         "arch": arch,
         "seed": seed,
         "n_spacecraft": settings.n,
@@ -86,7 +78,7 @@ def trained_before(
     kind = "" if settings.device == "auto" else training_device(settings.device).type
     found = [
         (version, changed_since(version.tags, TRAINED_BY))
-        for version in list_versions()
+        for version in models.list_versions()
         if same <= version.params.items() and version.params.get("device", "").startswith(kind)
     ]
     current = [version for version, change in found if not change]
@@ -99,14 +91,14 @@ def trained_before(
     version = current[-1]
     if version.contest:
         return version, None
-    model, _ = load(version)
+    model, _ = models.load(version)
     trials = validation_trials(model, settings.data, version.n)
     return version, challenge(version, trials, settings.data)
 
 
 @dataclass(frozen=True)
 class AskedTraining:
-    """A training as a task of a worker: its network, and the digest of the data that it is of."""
+    """A training as a task of a worker: network, seed, settings, and digest of the data."""
 
     arch: str
     seed: int
@@ -120,10 +112,22 @@ class AskedTraining:
         digest = read_manifest(settings.data).digest(settings.n)
         return cls(arch, seed, settings, digest)
 
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe that it follows."""
+        return followed_recipe(self.arch, self.seed, self.settings)
+
+    def examples(self, progress: Progress) -> tuple[ExampleSource, ExampleSource]:
+        """What it learns from, and what decides which weights are kept."""
+        how, memory = self.settings, self.settings.memory * 1e9
+        return sources(
+            self.recipe, how.data, how.n, seed=self.seed, memory=memory, progress=progress
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class FinishedTraining:
-    """What comes of a training, not yet recorded."""
+    """The result of a training that is not yet recorded."""
 
     trained: Trained
     instances: tuple[int, int]  # of training and of validation
@@ -140,10 +144,10 @@ def train_model(
     the loss diverges or the tracking store fails.
     """
     asked = AskedTraining.of(arch, seed, settings)
-    data = _examples(asked, progress)
+    data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after
-    finished = _learned(asked, data, progress)
-    version = _recorded(asked, finished)
+    finished = _train_and_fly(asked, data, progress)
+    version = _record(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
 
 
@@ -152,26 +156,26 @@ def train_models(
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order asked.
 
-    Workers read the data where the settings say, and give networks back. This process registers
-    each as soon as it is done, and compares them with champions, in the order asked, at the end.
+    Workers read the data where the settings say. This process registers each network as soon as it
+    is done, and compares them with champions at the end.
     """
     progress.expect(len(asked))
     connect()
-    one = partial(_learned_there, made_with(*TRAINED_BY))
+    one = partial(_train_in_worker, made_with(*TRAINED_BY))
     done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
     tasks = list(enumerate(asked))
     with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:
         for (number, training), finished in results:
-            done[number] = _recorded(training, finished), finished.trials
+            done[number] = _record(training, finished), finished.trials
             progress.done(note=f"{training.arch}, seed {training.seed}")
     found = [(*done[number], training.settings.data) for number, training in tasks]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _learned_there(
+def _train_in_worker(
     expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
 ) -> FinishedTraining:
-    """In a worker: a training; ProlearnError for other versions, or other data, than asked for."""
+    """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
     check_worker(expected, TRAINED_BY)
     asked = task[1]
     how = asked.settings
@@ -180,33 +184,25 @@ def _learned_there(
             f"{public_url(how.data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
-    return _learned(asked, _examples(asked, SILENT), SILENT)
+    return _train_and_fly(asked, asked.examples(SILENT), SILENT)
 
 
-def _examples(asked: AskedTraining, progress: Progress) -> tuple[ExampleSource, ExampleSource]:
-    """What a training learns from, and what decides which weights are kept."""
-    how, seed, memory = asked.settings, asked.seed, asked.settings.memory * 1e9
-    recipe = followed_recipe(asked.arch, seed, how)
-    return sources(recipe, how.data, how.n, seed=seed, memory=memory, progress=progress)
-
-
-def _learned(
+def _train_and_fly(
     asked: AskedTraining, data: tuple[ExampleSource, ExampleSource], progress: Progress
 ) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
-    arch, seed, how = asked.arch, asked.seed, asked.settings
-    recipe, (learn, valid) = followed_recipe(arch, seed, how), data
-    trained = train(arch, recipe, learn, valid, seed=seed, device=how.device, progress=progress)
+    how, seed, (learn, valid) = asked.settings, asked.seed, data
+    of = asked.arch, asked.recipe, learn, valid
+    trained = train(*of, seed=seed, device=how.device, progress=progress)
     trials = validation_trials(trained.model, how.data, how.n)
     error = position_rmse(trained.model, valid)
     return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
 
 
-def _recorded(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
-    """Record a training and register its model."""
+def _record(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
-        recipe=followed_recipe(asked.arch, asked.seed, asked.settings),
+        recipe=asked.recipe,
         seed=asked.seed,
         dataset=DatasetInfo(asked.settings.data, asked.digest, *finished.instances),
         metrics={POSITION_RMSE: finished.error} | flown_metrics(finished.trials),
@@ -236,18 +232,18 @@ def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:
 
 def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Contest:
     """Make a new version the champion where it does better on its validation data."""
-    champion = champion_of(version.name)
+    champion = models.champion_of(version.name)
     if champion is None or champion.version == version.version:
         first = version.version == 1
         reason = "the first version of its model" if first else "there is no other"
-        champion = set_champion(version)
+        champion = models.set_champion(version)
     else:
         try:
             better, reason = _compared(version, trials, champion, data)
-            champion = set_champion(version) if better else champion
+            champion = models.set_champion(version) if better else champion
         except InputError as error:
             reason = f"version {champion.version} cannot be compared: {error}"
-    note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
+    models.note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
     return Contest(champion, reason)
 
 
@@ -259,13 +255,13 @@ def promote(
     The validation split of the data decides, by default of what the version was trained on;
     with ``force`` nothing is compared. An InputError says why it does not become it.
     """
-    version = resolve(f"{name}/{number}")
-    champion = champion_of(version.name)
+    version = models.resolve(f"{name}/{number}")
+    champion = models.champion_of(version.name)
     if force or champion is None or champion.version == version.version:
-        return set_champion(version), ""
+        return models.set_champion(version), ""
     where = data or version.params.get("dataset", "")
     try:
-        mine = validation_trials(load(version)[0], where, version.n)
+        mine = validation_trials(models.load(version)[0], where, version.n)
         better, reason = _compared(version, mine, champion, where)
     except InputError as error:
         raise InputError(
@@ -277,14 +273,14 @@ def promote(
             f"{reason}; expected a version that does better: give --force to promote it all "
             "the same."
         )
-    return set_champion(version), reason
+    return models.set_champion(version), reason
 
 
 def _compared(
     version: ModelVersion, mine: pd.DataFrame, champion: ModelVersion, data: Where
 ) -> tuple[bool, str]:
     """Whether a version, by its trials, is better than the champion, and the figures in words."""
-    theirs = validation_trials(load(champion)[0], data, version.n)
+    theirs = validation_trials(models.load(champion)[0], data, version.n)
     if mine.empty or theirs.empty:
         raise InputError("there are no validation scenarios")
     compared = compare(mine, theirs, "fuel")

@@ -1,21 +1,31 @@
-"""The card of a dataset: README.md with its columns, origin, splits, quality and limits."""
+"""The card of a dataset: README.md with front matter, columns, origin, splits, quality, limits."""
 
 import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
+import yaml
 
-from pipeline.dataset.front_matter import File, files_by_split, front_matter
-from pipeline.dataset.manifest import CARD, Manifest, read_manifest, recorded, requirements_of
+from pipeline.dataset.manifest import (
+    CARD,
+    Manifest,
+    Shard,
+    read_manifest,
+    recorded,
+    requirements_of,
+)
 from pipeline.dataset.reading import read_solved, refuse_unsolved
 from pipeline.dataset.samples import PRESETS, Sample
-from pipeline.dataset.schema import COLUMNS, DataColumn
+from pipeline.dataset.schema import COLUMNS, SOLVED_FIELDS, DataColumn
 from pipeline.errors import InputError
 from pipeline.expert import Settings
-from pipeline.markdown import Markdown, code, formatted, table, verbatim
+from pipeline.markup import Markdown, code, formatted, table, template, verbatim
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.plan import AT_ALL_TIMES, SOLVED
@@ -24,7 +34,22 @@ from pipeline.scenario import SPLITS
 from pipeline.scenario.families import FAMILIES
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.templates import template
+
+HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))  # of our splits on hubs
+DEFAULT = "default"  # the configuration that is loaded where none is named: all swarm sizes
+# Hubs' categories of size, with the number of rows that each stays below
+SIZES = {"n<1K": 1e3, "1K<n<10K": 1e4, "10K<n<100K": 1e5, "100K<n<1M": 1e6, "1M<n<10M": 1e7}
+LARGEST = "10M<n<100M"
+
+TAGS = [
+    "astrodynamics",
+    "spacecraft",
+    "formation-flying",
+    "swarm",
+    "trajectory-optimization",
+    "motion-planning",
+    "convex-optimization",
+]
 
 LICENCE = "mit"  # of data that come with prolearn: the project's own
 IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
@@ -33,6 +58,103 @@ AGAIN = "data/again"  # folder in the commands that make a dataset once more
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
 QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
 TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
+
+
+@dataclass(frozen=True)
+class File:
+    """The file of a shard, with its number of rows and its bytes on disk and as an Arrow table."""
+
+    shard: Shard
+    rows: int
+    stored: int
+    in_memory: int
+
+
+def files_by_split(files: Sequence[File]) -> dict[str, list[File]]:
+    """Files by the hub's name of the split of their rows.
+
+    Hubs give a file to one split alone, so splits that have a file in common go together, under
+    their names joined, such as ``validation_test``.
+    """
+    held = {file.shard.solved: file.shard.sample.splits_of(file.shard.number) for file in files}
+    found: dict[str, list[File]] = {}
+    for group in _partition(held.values()):
+        name = "_".join(HUB_NAMES[split] for split in SPLITS if split in group)
+        found[name] = [file for file in files if held[file.shard.solved] <= group]
+    return found
+
+
+def _partition(sets: Iterable[set[str]]) -> list[set[str]]:
+    """The finest partition of the splits in which each set lies in one part, in order."""
+    parts: list[set[str]] = []
+    for one in sets:
+        apart = [part for part in parts if not part & one]
+        parts = [*apart, one.union(*(part for part in parts if part & one))]
+    return sorted(parts, key=lambda part: min(map(SPLITS.index, part)))
+
+
+def front_matter(files: Sequence[File], title: str, licence: str) -> str:
+    """The front matter as YAML, without its lines of dashes."""
+    rows = sum(file.rows for file in files)
+    return yaml.safe_dump(
+        {
+            "license": licence,
+            "pretty_name": title,
+            "task_categories": ["robotics"],
+            "tags": TAGS,
+            "size_categories": [next((k for k, below in SIZES.items() if rows < below), LARGEST)],
+            "configs": _configurations(files),
+            "dataset_info": [_info(files)],
+        },
+        sort_keys=False,
+        allow_unicode=True,
+        width=100,
+    )
+
+
+def _configurations(files: Sequence[File]) -> list[Mapping[str, Any]]:
+    """All files, and those of each swarm size where there are several."""
+    by_n = {f"n{n}": some for n, some in _by_size(files)}
+    every = {DEFAULT: files} | (by_n if len(by_n) > 1 else {})
+    found = {name: files_by_split(some).items() for name, some in every.items()}
+    paths = {k: [{"split": s, "path": list(_paths(f))} for s, f in v] for k, v in found.items()}
+    return [{"config_name": name, "data_files": data} for name, data in paths.items()]
+
+
+def _paths(files: Sequence[File]) -> Iterator[str]:
+    for n, some in _by_size(files):
+        every = len(some) == some[0].shard.sample.shards
+        yield from [f"n={n}/*.parquet"] if every else [file.shard.solved for file in some]
+
+
+def _by_size(files: Sequence[File]) -> Iterator[tuple[int, list[File]]]:
+    for n, some in groupby(files, key=lambda file: file.shard.n):
+        yield n, list(some)
+
+
+def _info(files: Sequence[File]) -> Mapping[str, Any]:
+    return {
+        "config_name": DEFAULT,
+        "features": [_feature(field) for field in SOLVED_FIELDS],
+        "splits": [
+            {
+                "name": split,
+                "num_bytes": sum(file.in_memory for file in some),
+                "num_examples": sum(file.rows for file in some),
+            }
+            for split, some in files_by_split(files).items()
+        ],
+        "download_size": sum(file.stored for file in files),
+        "dataset_size": sum(file.in_memory for file in files),
+    }
+
+
+def _feature(field: pa.Field) -> Mapping[str, str]:
+    """Types as hubs call them: Arrow's name, but for float64, which Arrow calls double."""
+    key, kind = "dtype", field.type
+    if pa.types.is_list(kind):
+        key, kind = "list", kind.value_type
+    return {"name": field.name, key: "float64" if pa.types.is_float64(kind) else str(kind)}
 
 
 def write_card(
@@ -44,9 +166,9 @@ def write_card(
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
-    The licence of the data is an identifier such as "mit" or "cc-by-4.0"; ``replace`` also a
-    README.md that says something else. A dataset that is not wholly solved, a damaged shard,
-    another README.md and what is no licence are InputErrors.
+    The licence is an identifier such as "mit" or "cc-by-4.0"; with ``replace`` another README.md is
+    written over. InputError for a dataset that is not wholly solved or is damaged, another
+    README.md, or no licence.
     """
     if not IDENTIFIER.fullmatch(licence):
         raise InputError(
@@ -114,7 +236,6 @@ def _contents(
 
 
 def _origin(manifest: Manifest) -> Mapping[str, Any]:
-    """Values for the template on how the dataset was made."""
     made, preset = manifest.made_with, preset_of(manifest)
     samples = sorted(manifest.samples.items())
     sizes = {way: [n for n, one in samples if one == way] for _, way in samples}
@@ -142,7 +263,6 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
 
 
 def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
-    """Values for the template on how good the plans are."""
     solved = rows[rows["status"] == SOLVED]
     gaps = solved["optimality_gap"].quantile(list(QUANTILES))
     numbers = []
@@ -212,7 +332,6 @@ def _options(sample: Sample, problem: Problem) -> Iterator[str]:
 
 
 def _orbit(problem: Problem) -> str:
-    """The reference orbit in words."""
     orbit = problem.orbit
     if orbit is None:
         altitude = altitude_of(problem.mean_motion) / 1e3
@@ -225,7 +344,7 @@ def _orbit(problem: Problem) -> str:
 
 
 def altitude_of(mean_motion: float) -> float:
-    """Altitude in m of a mean motion in rad/s, with as few decimals as give it back."""
+    """Altitude in m of a mean motion in rad/s, in the fewest decimals that give it back."""
     exact = radius_at(mean_motion) - R_EARTH
     rounded = (round(exact, digits) for digits in TYPED_DIGITS)
     return next((one for one in rounded if mean_motion_at(one) == mean_motion), exact)

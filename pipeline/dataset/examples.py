@@ -11,7 +11,7 @@ from pipeline.orbit.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Examples in memory, which are one part. States are in m and m/s."""
+    """Examples in memory, as one part. States are in m and m/s."""
 
     problem: Problem
     initial: Float[Array, "N n 6"]
@@ -36,7 +36,7 @@ class Examples:
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Examples of one problem and swarm size that every pass reads or draws anew, part by part."""
+    """Examples of one problem and swarm size, read or drawn part by part in each pass."""
 
     problem: Problem
     n: int  # spacecraft in each example

@@ -51,7 +51,7 @@ REQUIRED = ("separation", "passive_safety")  # recorded beside the settings of t
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
-    """How plans are made, for the manifest; InputError for a risk, which no column shows."""
+    """Settings and requirements of plans; InputError for a risk, which no column shows."""
     if requirements.risk is not None:
         raise InputError(
             "a risk is asked for of a dataset, whose plans are flown without errors; expected "
@@ -89,7 +89,7 @@ def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class MadeWith:
-    """Versions by name: of the sampling, and of the solving, once that has begun."""
+    """Versions, by name, of code and packages that sampled a dataset, and that solved it."""
 
     sample: Mapping[str, str]
     solve: Mapping[str, str]
@@ -164,7 +164,7 @@ class Shard:
 
     @property
     def most(self) -> Size:
-        """What its files may hold."""
+        """The largest size of its files."""
         return Size(len(self.rows), len(self.rows) * self.n * 6 * self.about.problem.nodes)
 
     @property
@@ -179,7 +179,7 @@ class Shard:
 
     @property
     def timings(self) -> str:
-        """Path of how long each took."""
+        """Path of the times that its plans took."""
         return TIMINGS + self.solved
 
     def metadata(self, path: str) -> dict[bytes, bytes]:

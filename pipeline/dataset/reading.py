@@ -13,7 +13,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import has_metadata, read_shard
-from pipeline.urls import public_url
+from pipeline.text import public_url
 
 LEARNED = ("initial", "goal", "states")  # columns that training reads
 SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
@@ -121,7 +121,7 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
 
 
 def _chosen(table: pa.Table, split: str) -> pa.Table:
-    """The solved rows of a split; the table itself where that is all of them, as it mostly is."""
+    """The solved rows of a split; the table itself where that is all of its rows."""
     fits = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
     return table if pc.all(fits).as_py() else table.filter(fits)
 

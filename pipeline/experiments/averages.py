@@ -47,7 +47,7 @@ def average(
     spread: bool = False,
     wilson: bool = False,
 ) -> Average:
-    """An average, if asked for with its spread between trainings or Wilson's interval beside."""
+    """An average, perhaps with its spread between trainings, or with Wilson's interval."""
     stem = source.removesuffix("_mean").removesuffix("_share")
     between = f"{stem}_spread" if spread else ""
     ends = (f"{stem}_low", f"{stem}_high") if wilson else None
@@ -63,10 +63,10 @@ def averaged(
     averages: Sequence[Average],
     order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """One row for the trials of each group: its columns, seeds (trainings), trials, averages.
+    """Averages over the trials of each group of planners, with seeds (trainings) and trials.
 
-    Of a row each trial, with column training_seed. Rows are sorted by the group's columns, whose
-    values have some order, or their own; planners have their reading order.
+    Rows are trials, with their training_seed. Averages are sorted by the group's columns, in the
+    ``order`` of values that is given or in their own; planners have their reading order.
     """
     averages = (TRIALS, *averages)
     each = rows.groupby([*group, "training_seed"], as_index=False, sort=False).agg(
@@ -87,7 +87,10 @@ def over_trainings(
     averages: Sequence[Average],
     order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """The same of a row each training, with training_seed and ``source``; spreads come last."""
+    """Averages over trainings that differ in their seed alone; spreads come last.
+
+    Rows are trainings, with their training_seed and the averages' ``source``.
+    """
     groups = each.groupby(list(group), as_index=False, sort=False)
     found = groups.agg({one.source: one.over for one in averages})
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])
@@ -148,7 +151,7 @@ def summarize(trials: pd.DataFrame, by: Sequence[str] = ("n",)) -> pd.DataFrame:
 
 
 def prepared(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with fuel_ratio, fuel over its bound, and safe as 1 or 0 where it is claimed."""
+    """Trials with fuel_ratio (fuel over bound), and safe as 1 or 0, or NaN where predicted."""
     bound = trials["fuel_lower_bound"].astype(float)
     return trials.assign(
         recipe=trials["recipe"].fillna(""),
@@ -158,7 +161,7 @@ def prepared(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def as_share(safe: "pd.Series[bool]") -> "pd.Series[float]":
-    """1 where safe, 0 where not or not known."""
+    """1 where safe, else 0."""
     return safe.astype("boolean").fillna(False).astype(float)
 
 
@@ -186,8 +189,8 @@ def tables_against(
 ) -> dict[str, Table]:
     """A table for each average of SHOWN: a row for each planner, a column for each value.
 
-    Rows keep their order; predictions claim no safety. The variable's values head the columns of
-    the CSV file; the page shows those that are ``printed``, by headings of its own.
+    The CSV file has a column for each value of the variable; the page has those that are
+    ``printed``, by headings of its own. Predictions have no share of safe trials.
     """
     tables = {}
     for name, one in SHOWN.items():
@@ -198,7 +201,7 @@ def tables_against(
 
 
 def printed_of(values: Iterable[Any], usual: Iterable[Any]) -> list[Any]:
-    """Values that the page has columns for: all if they are few, else the usual and both ends."""
+    """Values with a column on the page: all if they are few, else the usual and both ends."""
     found, usual = sorted(set(values)), set(usual)
     few = len(found) <= len(usual) + 1
     return found if few else [v for v in found if v in usual | {found[0], found[-1]}]
@@ -252,9 +255,9 @@ def lines_figure(
 ) -> tuple[Figure, Any]:
     """Averages against a variable: a line for each planner, a band for its spread.
 
-    An average has one scale in all of its panels, which shows ``quoted`` values, too. Against is
-    the column for the horizontal axis and its label; further handles go into the legend. The size
-    is in inches; what axes share is said as for ``Figure.subplots``.
+    All panels of an average have one scale, on which ``quoted`` values are, too. ``against`` is the
+    column on the horizontal axis and its label; ``handles`` are further entries of the legend; size
+    is in inches; ``shared`` goes to ``Figure.subplots``.
     """
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)

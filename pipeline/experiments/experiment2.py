@@ -136,7 +136,7 @@ FAMILIES: Rules = (
 
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
-    """A row, where both families took part in one recipe; the paper's own setting first."""
+    """Whether feed-forward networks collide less than LSTMs, where both took part in one recipe."""
     summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     for recipe in ("paper", "tuned", ""):

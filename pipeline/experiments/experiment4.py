@@ -27,13 +27,13 @@ def with_minutes(times: pd.DataFrame) -> pd.DataFrame:
 
 
 def trained_on(times: pd.DataFrame) -> tuple[int, float]:
-    """T and Δt of the training, s: the T with other Δt, and the Δt that goes with other T."""
+    """T and Δt (s) of the training: the T of rows with other Δt, the Δt of those with other T."""
     other_nodes, other_steps = (times[times["varied"] == one] for one in VARIED)
     return int(other_steps["nodes"].iloc[0]), float(other_nodes["time_step"].iloc[0])
 
 
 def rows_varying(summary: pd.DataFrame, varied: str) -> pd.DataFrame:
-    """The rows of other T or other Δt, with those at the training's own time, wherever they are."""
+    """The rows of other T, or of other Δt, and those of the training's own T and Δt."""
     nodes, time_step = trained_on(summary)
     home = (summary["nodes"] == nodes) & (summary["time_step"] == time_step)
     mine = summary["varied"] == varied
@@ -79,7 +79,7 @@ def _title(row: "pd.Series[Any]") -> str:
 
 
 def recipes_of(summary: pd.DataFrame) -> list[str]:
-    """The recipes of the networks that took part; one without a name where there is none."""
+    """The recipes of the networks that took part; an empty one where there is none."""
     return sorted(set(summary.loc[summary["planner"].map(is_network), "recipe"])) or [""]
 
 

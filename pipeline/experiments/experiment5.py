@@ -27,7 +27,7 @@ from pipeline.experiments.records import (
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
-from pipeline.figures.labels import called, count, error, number, ratio, share
+from pipeline.figures.labels import count, error, number, planner_label, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.flight.trials import SIZE
@@ -99,7 +99,7 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 def planned_values(
     flights: pd.DataFrame, summary: pd.DataFrame, look: Mapping[str, Style]
 ) -> dict[str, Any]:
-    """What the section says of plans as flown, beside those for the linear model."""
+    """Values for the template on plans as flown, beside those for the linear model."""
     *shapes, last = (f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
     return {
         "claim": _claim(flights),
@@ -111,13 +111,12 @@ def planned_values(
 
 
 def _trials(summary: pd.DataFrame) -> str:
-    """How many scenarios of each n."""
     sizes = summary.groupby("n")["trials"].max()
     return " and ".join(f"{trials:,} of n = {n}" for n, trials in sizes.items())
 
 
 def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
-    """Plans flown in all loops, and those without errors in the same worlds, for the linear model.
+    """Plans for the linear model flown in all loops, and flights without errors in the same worlds.
 
     With feedback a plan is made for the risk, and as flown.
     """
@@ -128,7 +127,7 @@ def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
-    """Flights without errors in open loop of those whose plans were also made as flown."""
+    """Flights without errors in open loop, of plans that were made for both models."""
     key = [*SWARM, "world"]
     rows = rows[(rows["errors"] == NO_ERRORS) & (rows["loop"] == OPEN)]
     both = rows.loc[rows["planned"] == AS_FLOWN, key].drop_duplicates()
@@ -136,8 +135,8 @@ def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def within_table(summary: pd.DataFrame) -> Table:
-    """Flights in which a pair comes within r_col: a row a condition, a column a planner."""
-    names = list(map(called, summary["planner"], summary["recipe"]))
+    """Flights with a pair within r_col: a row for each condition, a column for each planner."""
+    names = list(map(planner_label, summary["planner"], summary["recipe"]))
     rows, printed = summary.assign(label=names), {name: name for name in names}
     frame, columns = averages.wide(rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed)
     return Table("experiment5-within", frame, [*CONDITIONS, *columns])
@@ -237,11 +236,11 @@ def _markers_figure(
     look: Mapping[str, Style],
     faces: tuple[str, str],
 ) -> tuple[Figure, Any]:
-    """Panels with a marker for each row of a summary, whose first line of panels has shares.
+    """Panels with a marker for each row of a summary; shares are in the first line of panels.
 
-    A column of them for the rows of each title, which say where ``at`` a marker stands, whether
-    it is ``hollow``, and whether it is ``ranged``; a line for each label, with sources as of
-    ``_markers``. Faces are what full and hollow markers mean.
+    A column of panels for each title in ``shown``, whose rows have columns ``at`` (abscissa),
+    ``hollow`` and ``ranged``; a line for each label in ``drawn``, with sources as of ``_markers``.
+    Faces are labels of full and hollow markers.
     """
     figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(len(drawn), len(shown), sharex=True, sharey="row", squeeze=False)
@@ -326,12 +325,12 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         same = (undisturbed[["n", "planner", "recipe"]] == [n, planner, recipe]).all(axis=1)
         ends = rows.set_index("loop")[[LOW, HIGH]].reindex(list(LOOPS))  # open where not flown
         holds = [at_most(interval, 1 - SAFE) for interval in ends.itertuples(index=False)]
-        who = labels.in_sentence(str(planner))
+        who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans of n = {n} hold outside the linear model, with errors?"
         free = rough[(rough["planner"] == DECOUPLED) & (rough["n"] == n)]
         beside = f"Decoupled optimum: {_shares(free)}" if len(free) else ""
         shares = f"{_shares(rows)}; without errors {_shares(undisturbed[same])}"
-        numbers = f"{called(str(planner), str(recipe))}, within r_col: {shares}"
+        numbers = f"{planner_label(str(planner), str(recipe))}, within r_col: {shares}"
         found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
     return [*found, *_as_flown_findings(flights)]
 
@@ -346,25 +345,25 @@ HOLD_AS_FLOWN: Rules = (
 
 
 def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
-    """Whether plans that were made as flown hold without errors, for each planner that makes any.
+    """Whether plans made as flown hold without errors, for each planner that makes any.
 
-    They do where no pair comes within the collision radius and no craft ends ``MET`` from its goal,
-    in any flight.
+    They do where in no flight a pair comes within the collision radius, or a craft ends ``MET``
+    from its goal.
     """
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     found = []
     for (planner, recipe), every in rows.groupby(["planner", "recipe"], sort=False):
         flown = every[every["planned"] == AS_FLOWN]
         apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= MET
-        who = labels.in_sentence(str(planner))
+        who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans hold outside the linear model if planned as flown?"
-        text = f"{called(str(planner), str(recipe))}: {_claim(every)}"
+        text = f"{planner_label(str(planner), str(recipe))}: {_claim(every)}"
         found.append(Finding(question, decide(HOLD_AS_FLOWN, bool(apart), bool(met)), text))
     return found
 
 
 def _claim(flights: pd.DataFrame) -> str:
-    """What planning as flown changes, in numbers."""
+    """Close approaches and errors at goals of plans as flown, and of linear plans, in words."""
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     said = {
         planned: (int(some["within_radius"].sum()), len(some), some["goal_error"].max())

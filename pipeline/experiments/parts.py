@@ -1,10 +1,10 @@
-"""The parts of an experiment: tables made by workers, each for itself, and kept until all are."""
+"""The parts of an experiment: independent tables made by workers, kept until all are done."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Generic, TypeVar
 
 import pandas as pd
 
@@ -22,25 +22,21 @@ OWNED = r"table=\w+/part-\d{5,}\.parquet"  # pattern of the names of shards
 NO_CODE: DecidedBy = ((), ())
 
 
-@runtime_checkable
-class Part(Protocol):
+Of = TypeVar("Of")
+
+
+@dataclass(frozen=True, eq=False)
+class Part(Generic[Of]):
     """A task for a worker: what a table is made of."""
 
-    @property
-    def n(self) -> int:
-        """Spacecraft of its swarms."""
-
-    @property
-    def note(self) -> str:
-        """What progress is told when it is done."""
-
-
-Task = TypeVar("Task", bound=Part)
+    of: Of
+    n: int  # spacecraft of its swarms
+    note: str = ""  # what progress is told when it is done
 
 
 @dataclass(frozen=True)
-class Kept:
-    """Finished parts of one experiment in a folder, and what decides them beside its settings."""
+class FinishedParts:
+    """Finished parts of one experiment in a folder."""
 
     ledger: Ledger[ShardList]
     decided_by: DecidedBy  # workers must have the same versions of it
@@ -55,16 +51,16 @@ class Kept:
             return None
 
     def write(self, name: str, table: pd.DataFrame) -> None:
-        """Keep the table of a part."""
+        """Keep the table of a finished part."""
         self.ledger.publish(name, table_bytes(table))
         self.ledger.commit()  # now, since the next part may take an hour
 
 
 @contextmanager
-def kept_in(
+def open_parts(
     folder: Folder, decided_by: DecidedBy, *, again: bool, progress: Progress
-) -> Iterator[Kept]:
-    """The parts in a folder of an experiment's own, which is held for the block.
+) -> Iterator[FinishedParts]:
+    """Open a folder of finished parts of an experiment, locked for the block.
 
     Parts of an earlier run are used ``again``, or removed. InputError where another process holds
     the folder.
@@ -79,16 +75,16 @@ def kept_in(
         return ShardList(SCHEMA, {})
 
     with open_ledger(folder, OWNED, begin, progress) as ledger:
-        yield Kept(ledger, decided_by)
+        yield FinishedParts(ledger, decided_by)
 
 
 def done_parts(
     name: str,
-    make: Callable[[Task], pd.DataFrame],
-    parts: Sequence[Task],
+    make: Callable[[Of], pd.DataFrame],
+    parts: Sequence[Part[Of]],
     *,
     workers: Workers | None,
-    kept: Kept | None,
+    kept: FinishedParts | None,
     progress: Progress,
 ) -> list[pd.DataFrame]:
     """The table of each part, kept or made, by default on all cores of this machine.
@@ -116,12 +112,11 @@ def done_parts(
 
 
 def _made(
-    make: Callable[[Task], pd.DataFrame],
+    make: Callable[[Of], pd.DataFrame],
     decided_by: DecidedBy,
     expected: Mapping[str, str],
-    task: tuple[int, Task],
+    task: tuple[int, Part[Of]],
     _: bytes,
 ) -> pd.DataFrame:
-    """In a worker: the table of a part."""
     check_worker(expected, decided_by)
-    return make(task[1])
+    return make(task[1].of)

@@ -10,7 +10,7 @@ from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SECONDS, Panel, average
 from pipeline.experiments.records import PREDICTED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, measured
-from pipeline.figures.labels import count, in_order, is_papers, number, share
+from pipeline.figures.labels import count, in_order, is_of_paper, number, share
 from pipeline.figures.style import PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -31,7 +31,7 @@ COLUMNS = [
 def sections(
     trials: pd.DataFrame, training: pd.DataFrame, look: Mapping[str, Style]
 ) -> list[Section]:
-    """One section, or none where no swarm beyond n = 30 was evaluated."""
+    """The section on swarms beyond n = 30, where any were evaluated."""
     shown = larger_swarms(trials, training)
     if shown.empty:
         return []
@@ -39,7 +39,7 @@ def sections(
     values = {
         "paper": paper,
         "sizes": sorted({int(n) for n in shown["n"]}),
-        "one_speaks": shown["planner"].map(is_papers).any(),
+        "one_speaks": shown["planner"].map(is_of_paper).any(),
         "safe": share(verdicts.SAFE),
         "cheap": verdicts.CHEAP,
         "picture": Picture("beyond", scaling_figure(summary, look)),
@@ -49,10 +49,10 @@ def sections(
 
 
 def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
-    """Trials of the sizes above n = 30, and of the largest up to it, of the planners to show.
+    """Trials of sizes above n = 30 and of the largest up to it; none without sizes above.
 
-    These are SHOWN, and networks as they are flown: one for the paper's, by validation (all of
-    them where that was not recorded), and every other. There are none without such a size.
+    They are of the planners SHOWN and of networks as flown: of the paper's the one that is best on
+    validation (all where that was not recorded), and every other.
     """
     rows = trials[trials["reading"] != PREDICTED]
     sizes = rows["n"].astype(int)
@@ -69,7 +69,7 @@ def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
 
 
 def summarize_larger(trials: pd.DataFrame) -> pd.DataFrame:
-    """The columns of ``summarize`` and those of UNSAFE and EXCESS, size by size."""
+    """``summarize`` with UNSAFE and EXCESS, sorted by size."""
     summary = averages.summarize(trials)
     found = summary.assign(
         unsafe_share=1 - summary["safe_share"],

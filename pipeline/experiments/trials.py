@@ -15,7 +15,7 @@ from jaxtyping import Float
 from pipeline.arrays import Array
 from pipeline.errors import InputError
 from pipeline.experiments import records
-from pipeline.experiments.parts import Kept, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, done_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.figures.transfer import Example
 from pipeline.orbit.problem import Problem
@@ -32,7 +32,7 @@ NAN = float("nan")
 
 @runtime_checkable
 class Predictor(Protocol):
-    """Whatever answers with trajectories that need not be flyable."""
+    """A network that predicts trajectories, which need not be flyable."""
 
     def predict(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
@@ -63,42 +63,27 @@ class Comparison:
     scenarios: Sequence[Scenario]
     note: str = ""  # what progress is told of it
 
-    @property
-    def n(self) -> int:
-        """Spacecraft."""
-        return self.scenarios[0].n
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What one planner does of a comparison, a task of a worker."""
-
-    one: EvaluatedPlanner
-    scenarios: Sequence[Scenario]
-    note: str
-
-    @property
-    def n(self) -> int:
-        """Spacecraft."""
-        return self.scenarios[0].n
-
 
 def run_trials(
     comparisons: Sequence[Comparison],
     *,
     timed: int = 0,
     workers: Workers | None = None,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> list[pd.DataFrame]:
-    """A table of each comparison: a row a trial, columns of Trial; the same for any workers.
+    """A table of each comparison: a row for each trial, columns of Trial.
 
-    So many scenarios of each as are ``timed`` are first planned one at a time by this process, the
-    planners in turn so that the machine's noise falls on all alike, before any worker begins.
-    Progress is told of each planner in each comparison.
+    The first ``timed`` scenarios of each are planned one at a time by this process before any
+    worker begins, the planners in turn so that the machine's noise falls on all alike. Progress is
+    told of each planner in each comparison. The tables do not depend on the workers.
     """
     seconds = _times(comparisons, timed, kept)
-    parts = [_Part(one, each.scenarios, each.note) for each in comparisons for one in each.planners]
+    parts = [
+        Part((one, each.scenarios), each.scenarios[0].n, each.note)
+        for each in comparisons
+        for one in each.planners
+    ]
     tables = done_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
     for table, taken in zip(tables, seconds, strict=True):
         rows = table.index[table.reading != PREDICTED][: len(taken)]
@@ -107,27 +92,24 @@ def run_trials(
     return [pd.concat(islice(left, len(each.planners)), ignore_index=True) for each in comparisons]
 
 
-def _planned(part: _Part) -> pd.DataFrame:
+def _planned(of: tuple[EvaluatedPlanner, Sequence[Scenario]]) -> pd.DataFrame:
     """The rows of a planner, of its raw predictions first; none is timed."""
-    plans = part.one.planner.plan(part.scenarios)
-    flown = [
-        _trial(part.one, k, scenario, plan)
-        for k, (scenario, plan) in enumerate(zip(part.scenarios, plans, strict=True))
-    ]
-    predictor = part.one.predictor
-    raw = [] if predictor is None else _predicted(predictor, part.scenarios, flown)
+    one, scenarios = of
+    plans = one.planner.plan(scenarios)
+    flown = [_trial(one, k, plan) for k, plan in enumerate(plans)]
+    raw = [] if one.predictor is None else _predicted(one.predictor, scenarios, flown)
     return pd.DataFrame([*raw, *flown])
 
 
 def _times(
-    comparisons: Sequence[Comparison], timed: int, kept: Kept | None
+    comparisons: Sequence[Comparison], timed: int, kept: FinishedParts | None
 ) -> Sequence[Sequence[float]]:
     """Seconds to plan each of the first scenarios alone, by comparison and planner."""
     if not timed:
         return [[] for each in comparisons for _ in each.planners]
-    here = Workers(jobs=1)
-    make = partial(_timed, timed)
-    tables = done_parts("times", make, comparisons, workers=here, kept=kept, progress=SILENT)
+    here, make = Workers(jobs=1), partial(_timed, timed)
+    parts = [Part(each, each.scenarios[0].n) for each in comparisons]
+    tables = done_parts("times", make, parts, workers=here, kept=kept, progress=SILENT)
     return [table[name].to_list() for table in tables for name in table]
 
 
@@ -142,8 +124,8 @@ def _timed(timed: int, of: Comparison) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _trial(one: EvaluatedPlanner, trial: int, scenario: Scenario, plan: Plan) -> Trial:
-    certificate = plan.certificate
+def _trial(one: EvaluatedPlanner, trial: int, plan: Plan) -> Trial:
+    certificate, scenario = plan.certificate, plan.scenario
     return Trial(
         planner=one.planner.name,
         recipe=one.recipe,
@@ -203,10 +185,10 @@ PlannersFor = Callable[[Problem], Sequence[EvaluatedPlanner]]
 def variations(
     problem: Problem, nodes: Sequence[int], time_steps: Sequence[float] | None = None
 ) -> list[tuple[str, Problem]]:
-    """Every T at the Δt of a training's problem, and every Δt (s) at its T, with which it varies.
+    """Problems with every T at the problem's Δt, and with every Δt (s) at its T, and what varies.
 
     By default those Δt that take as long as the numbers of nodes. InputError for fewer than 3
-    nodes, or a step that is no positive number.
+    nodes, or a step that is not positive.
     """
     if time_steps is None:
         time_steps = [problem.time_step * (T - 1) / problem.intervals for T in nodes]
@@ -221,10 +203,10 @@ def run_transfer_times(
     varied: Sequence[tuple[str, Problem]],
     *,
     workers: Workers | None = None,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
-    """All planners that fit, in every variation, on the same initial and goal states.
+    """Trials of all planners that fit, in every variation, with the same initial and goal states.
 
     The ends of scenarios, which are of one problem and one n, stay what they are, since passive
     formations depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of
@@ -263,7 +245,7 @@ def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -
 
 
 def write_example(example: Example, path: Path) -> None:
-    """Keep an example in a file of numpy's."""
+    """Write an example to an npz file."""
     stored: dict[str, Any] = {"initial": example.initial, "goal": example.goal}
     stored |= {"name": example.title, "collision_radius": example.collision_radius}
     stored |= {f"{PREFIX}{label}": each for label, each in example.tracks.items()}

@@ -9,7 +9,15 @@ from scipy import stats
 from pipeline.experiments.records import PREDICTED
 from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
-from pipeline.figures.labels import in_order, is_network, is_papers, percents, ratio, ratios, share
+from pipeline.figures.labels import (
+    in_order,
+    is_network,
+    is_of_paper,
+    percents,
+    ratio,
+    ratios,
+    share,
+)
 
 DECOUPLED = "decoupled optimum"
 """The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
@@ -43,8 +51,8 @@ def decide(rules: Rules, *claims: bool | str | None) -> str:
     )
 
 
-def together(claims: Iterable[bool | None]) -> bool | str | None:
-    """The value of a claim for several planners: open if it is for any, MIXED if they differ."""
+def joint_claim(claims: Iterable[bool | None]) -> bool | str | None:
+    """A claim about several planners: open if it is for any, MIXED if they differ."""
     found = set(claims)
     return None if None in found or not found else found.pop() if len(found) == 1 else MIXED
 
@@ -75,7 +83,7 @@ def measured(rows: pd.DataFrame) -> Measured:
     each = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
     safe, fuel = each["safe"].mean(), each["fuel_ratio"]
     return Measured(
-        name=labels.called(first["planner"], first["recipe"]),
+        name=labels.planner_label(first["planner"], first["recipe"]),
         trainings=int(rows["training_seed"].nunique()),
         safe=float(safe),
         safe_interval=intervals.wilson(float(safe), len(each)),
@@ -111,8 +119,8 @@ def verdict_on(*planners: Measured) -> str:
     """Whether some planners are all safe and cheap."""
     return decide(
         SAFE_AND_CHEAP,
-        together(at_least(one.safe_interval, SAFE) for one in planners),
-        together(at_most(one.fuel_interval, CHEAP) for one in planners),
+        joint_claim(at_least(one.safe_interval, SAFE) for one in planners),
+        joint_claim(at_most(one.fuel_interval, CHEAP) for one in planners),
     )
 
 
@@ -182,11 +190,11 @@ class Group:
     @property
     def papers(self) -> bool:
         """Whether they are the paper's."""
-        return is_papers(self.planners[0])
+        return is_of_paper(self.planners[0])
 
     def question(self, asked: str, papers: str = PAPERS, other: str = "Does {}") -> str:
         """A question that begins with the paper's networks, or with another's name put in."""
-        begun = papers if self.papers else other.format(labels.in_sentence(self.planners[0]))
+        begun = papers if self.papers else other.format(labels.name_in_sentence(self.planners[0]))
         return f"{begun} {asked}"
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
@@ -197,8 +205,8 @@ class Group:
 def groups(planners: Iterable[str]) -> list[Group]:
     """The networks among some planners: the paper's together, then every other one alone."""
     networks = [p for p in in_order(planners) if is_network(p)]
-    papers = tuple(filter(is_papers, networks))
-    others = [Group((p,)) for p in networks if not is_papers(p)]
+    papers = tuple(filter(is_of_paper, networks))
+    others = [Group((p,)) for p in networks if not is_of_paper(p)]
     return [Group(papers), *others] if papers else others
 
 
@@ -208,9 +216,9 @@ VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
 def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     """The network that stands for those in some rows: the only one, or the best on validation.
 
-    That is the cheapest of those that are as safe as the safest, but for chance: whose share of
-    safe scenarios is within Wilson's interval of the highest. None where trainings did not record
-    it: no network is chosen by the trials themselves.
+    The best is the cheapest of those as safe as the safest, whose share of safe scenarios is within
+    Wilson's interval of the highest. None where trainings did not record it: trials choose no
+    network.
     """
     names = names_in(rows)
     if len(names) == 1:

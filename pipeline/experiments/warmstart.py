@@ -1,14 +1,13 @@
 """Runs of experiment 3: time that a seed saves the expert, and a plain SCP as the paper's."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from pipeline.experiments.parts import Kept, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, done_parts
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
@@ -28,36 +27,20 @@ SeedMaker = Callable[[Scenario], Seed] | None
 Optimize = Callable[[Scenario, Seed | None], Plan]
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """One scenario, for every seed and rule; its number among those of its size."""
-
-    scenario: Scenario
-    trial: int
-    rules: Mapping[str, Optimize]  # by name
-    note: str = ""
-
-    @property
-    def n(self) -> int:
-        """Spacecraft."""
-        return self.scenario.n
-
-
 def run_warmstarts(
     predictors: Mapping[Source, Predictor],
     sizes: Sequence[Sequence[Scenario]],
     optimizer: str = EXPERT,
     *,
-    kept: Kept | None = None,
+    kept: FinishedParts | None = None,
     progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Every seed and rule on every scenario: a row each, columns of WarmStart.
 
-    All run on one thread of this process, the seeds of a scenario directly after each other, begun
-    with another one each time, so that the machine's noise falls on all alike.
-
-    The raw predictions of networks, by name and training seed, are seeds beside those of SEEDS.
-    Scenarios are of one problem, those of each size of one n; progress is told of each.
+    All run on one thread of this process. The seeds of a scenario follow each other directly, begun
+    with another one each time, so that the machine's noise falls on all alike. Raw predictions of
+    networks, by name and training seed, are seeds beside those of SEEDS. Progress is told of each
+    scenario.
     """
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:
@@ -66,7 +49,7 @@ def run_warmstarts(
     parts = []
     for some in filter(None, sizes):
         rules = _rules(optimizer, some[0])
-        parts += [_Part(scenario, trial, rules) for trial, scenario in enumerate(some)]
+        parts += [Part((one, trial, rules), one.n) for trial, one in enumerate(some)]
         with threadpool_limits(1):
             for make in seeds.values():
                 _run(some[0], make, rules[CONVERGED])  # warm up
@@ -78,19 +61,20 @@ def run_warmstarts(
 def _started(
     optimizer: str,
     seeds: Mapping[Source, SeedMaker],
-    part: _Part,
+    part: tuple[Scenario, int, Mapping[str, Optimize]],
 ) -> pd.DataFrame:
-    """The rows of a scenario."""
+    """The rows of a scenario, by its number, under each rule of the optimizer."""
+    scenario, trial, rules = part
     sources = list(seeds)
-    first, rows = part.trial % len(sources), []
+    first, rows = trial % len(sources), []
     for source in sources[first:] + sources[:first]:
-        for rule, optimize in part.rules.items():
-            plan, seconds = _run(part.scenario, seeds[source], optimize)
+        for rule, optimize in rules.items():
+            plan, seconds = _run(scenario, seeds[source], optimize)
             rows.append(
                 WarmStart(
                     optimizer=optimizer,
-                    n=part.n,
-                    trial=part.trial,
+                    n=scenario.n,
+                    trial=trial,
                     seed=source[0],
                     training_seed=source[1],
                     rule=rule,

@@ -6,8 +6,7 @@ from pathlib import Path
 from pipeline.errors import InputError, check_choice
 from pipeline.export.basilisk import write_basilisk
 from pipeline.export.burns import Masses, PerCraft, write_burns
-from pipeline.export.ephemeris import write_ephemerides
-from pipeline.export.parameters import write_parameters
+from pipeline.export.messages import write_ephemerides, write_parameters
 from pipeline.export.tables import write_csv, write_parquet
 from pipeline.plan import Plan
 
@@ -55,7 +54,10 @@ def write_plan_as(
     for known, value in (("mass", mass), ("specific_impulse", specific_impulse)):
         if value is not None and known not in FORMATS[to].masses:
             raise InputError(f"{known} is given, and {to} has no place for it; leave it out.")
-    masses = Masses.of_scenario(plan.scenario, mass, specific_impulse)
+    own = [one.mass for one in plan.scenario.craft if one.mass is not None]
+    if mass is None and len(own) == plan.scenario.n:
+        mass = own
+    masses = Masses.of(plan.scenario.n, mass, specific_impulse)
     match to:
         case "oem":
             return write_ephemerides(plan, path, name)

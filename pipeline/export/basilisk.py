@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.export.burns import Masses, burns_of
-from pipeline.export.inertial import reference_frames
-from pipeline.export.messages import stamp
+from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import STDIO, write_text
+from pipeline.markup import template
 from pipeline.orbit.forces import EARTH_RATE
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 from pipeline.plan import Plan
-from pipeline.templates import template
 from pipeline.text import visible
 
 TURN = 0.002  # largest angle by which the reference turns in a step, rad

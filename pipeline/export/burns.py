@@ -9,13 +9,11 @@ from jaxtyping import Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.export.inertial import reference_frames
-from pipeline.export.messages import stamp
+from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import write_rows
 from pipeline.orbit.thrust_cost import cost_within
 from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
-from pipeline.scenario import Scenario
 
 GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
 AXES = ("x", "y", "z")
@@ -31,19 +29,6 @@ class Masses:
     specific_impulse: Float[Array, "n"] | None = None  # s; None: no propellant is counted
 
     @classmethod
-    def of_scenario(
-        cls,
-        scenario: Scenario,
-        mass: PerCraft | None,
-        specific_impulse: PerCraft | None = None,
-    ) -> "Masses | None":
-        """Those given, as in ``of``; where no mass is, that of each craft by the scenario."""
-        own = [one.mass for one in scenario.craft if one.mass is not None]
-        if mass is None and own and len(own) == scenario.n:
-            mass = own
-        return cls.of(scenario.n, mass, specific_impulse)
-
-    @classmethod
     def of(
         cls, n: int, mass: PerCraft | None, specific_impulse: PerCraft | None = None
     ) -> "Masses | None":
@@ -52,14 +37,11 @@ class Masses:
         Raises:
             InputError: for other counts, numbers that are not positive, or no mass.
         """
-        if mass is None:
-            if specific_impulse is not None:
-                raise InputError("specific_impulse is given without mass; expected both.")
-            return None
-        held = _per_craft("mass", mass, n)
-        if specific_impulse is None:
-            return cls(held)
-        return cls(held, _per_craft("specific_impulse", specific_impulse, n))
+        if mass is None and specific_impulse is not None:
+            raise InputError("specific_impulse is given without mass; expected both.")
+        given = {"mass": mass, "specific_impulse": specific_impulse}
+        held = {k: _per_craft(k, one, n) for k, one in given.items() if one is not None}
+        return cls(**held) if held else None
 
 
 def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:

@@ -1,4 +1,6 @@
-"""Where the reference orbit of a plan is: inertial states and LVLH frames, in EME2000."""
+"""Where and when the reference orbit of a plan is: states, LVLH frames (EME2000), epochs (UTC)."""
+
+from datetime import datetime, timedelta
 
 import numpy as np
 from jaxtyping import Float
@@ -37,3 +39,9 @@ def reference_frames(
     ).tolist()
     origin = Elements(radius_at(rate), i, raan).states(latitude + rate * time)
     return origin, lvlh_frame(origin, np.zeros((*time.shape, 3)))  # two-body: the plane stays
+
+
+def stamp(time: datetime, seconds: float = 0.0) -> str:
+    """A time, so many seconds later, as text in whole microseconds."""
+    later = time + timedelta(microseconds=round(1e6 * seconds))
+    return later.strftime("%Y-%m-%dT%H:%M:%S.%f")

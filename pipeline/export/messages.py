@@ -1,19 +1,37 @@
-"""Orbit data messages (CCSDS 502.0-B) in keyword = value notation: a folder with a file a craft."""
+"""Orbit ephemeris and parameter messages (OEM 2.0, OPM 3.0; CCSDS 502.0-B): a file a craft."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from datetime import UTC, datetime, timedelta
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from textwrap import wrap
 
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.arrays import Array
+from pipeline.errors import InputError
+from pipeline.export.burns import Burns, Masses, burns_of
+from pipeline.export.inertial import reference_frames, reference_of, stamp
 from pipeline.files import write_text
+from pipeline.orbit.nonlinear import flown_between
 from pipeline.orbit.reference import radius_at
 from pipeline.plan import Plan
+from pipeline.plan.judge import check_states
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.text import visible
 
 LONGEST = 100  # characters of a comment on one line; messages have at most 254 on any
 ORIGINATOR = "ORIGINATOR = PROLEARN"  # the line by which files of ours are known
+
+FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 find them
+# Largest angle between states as the reference orbit turns, rad: polynomials of degree 7 through
+# states this near miss a circle by less than 1e-6 of a metre at any altitude up to geostationary
+SPACING = 0.05
+DEGREE = 7  # of the Hermite interpolation that files ask for
+
+POINTS = 16  # of Gauss and Legendre in an interval, enough for a revolution
 
 
 def write_messages(
@@ -38,7 +56,7 @@ def craft_name(craft: int, n: int) -> str:
 
 
 def header(version: str, plan: Plan, craft: int) -> Iterator[str]:
-    """The first lines, from the one with the version: what the message is about, and whose."""
+    """The first lines of a message: version, what it is about, and originator."""
     problem = plan.scenario.problem
     planner = visible(plan.planner).encode("ascii", "replace").decode()
     about = f"Craft {craft} of {plan.scenario.n}, planned by {planner}: {plan.status}."
@@ -59,7 +77,7 @@ def header(version: str, plan: Plan, craft: int) -> Iterator[str]:
 
 
 def described(plan: Plan, craft: int, name: str) -> Iterator[str]:
-    """The lines of metadata on a craft of a plan with a name, and on frame and time."""
+    """The metadata of a craft: object, frame and time system."""
     label = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     whole = f"{label}-{craft_name(craft, plan.scenario.n)}"
     yield f"OBJECT_NAME = {whole}"
@@ -69,11 +87,139 @@ def described(plan: Plan, craft: int, name: str) -> Iterator[str]:
     yield "TIME_SYSTEM = UTC"
 
 
-def stamp(time: datetime, seconds: float = 0.0) -> str:
-    """A time so many seconds later, in whole microseconds."""
-    later = time + timedelta(microseconds=round(1e6 * seconds))
-    return later.strftime("%Y-%m-%dT%H:%M:%S.%f")
-
-
 def _comments(text: str) -> list[str]:
     return [f"COMMENT {line}" for line in wrap(text, LONGEST)]
+
+
+def write_ephemerides(plan: Plan, folder: Path, name: str) -> list[Path]:
+    """Write an OEM for each craft into a folder, a segment for each interval of constant thrust.
+
+    No interpolation may reach across a node, where thrust jumps. Objects are named by ``name``.
+    """
+    arcs = thrust_arcs(plan)
+
+    def message(craft: int) -> Iterator[str]:
+        yield from header("CCSDS_OEM_VERS = 2.0", plan, craft)
+        for arc in range(plan.scenario.problem.intervals):
+            yield from _segment(plan, arcs, craft, arc, name)
+
+    return write_messages(folder, ".oem", plan.scenario.n, message)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledArcs:
+    """Inertial states of every craft over intervals of constant thrust."""
+
+    epoch: datetime  # of the first node, UTC
+    microseconds: Int[Array, "intervals q"]  # since the epoch; an arc ends when the next begins
+    states: Float[Array, "n intervals q 6"]  # in EME2000 at those times, m and m/s
+
+
+def thrust_arcs(plan: Plan) -> SampledArcs:
+    """The arcs of a plan under constant thrust, sampled densely enough to interpolate.
+
+    Times are whole microseconds, and states are those at these very times. InputError without a
+    reference orbit, for states that are not what the controls lead to, or for nodes too near each
+    other.
+    """
+    problem, reference = plan.scenario.problem, reference_of(plan.scenario)
+    check_states(plan)
+    steps = max(FEWEST - 1, int(np.ceil(problem.mean_motion * problem.time_step / SPACING)))
+    start = problem.time_step * np.arange(problem.intervals)[:, None]
+    microseconds = np.rint(1e6 * (start + problem.time_step * np.arange(steps + 1) / steps))
+    if np.diff(microseconds).min() < 1:
+        raise InputError(
+            f"time_step is {problem.time_step:g} s; expected at least {FEWEST} microseconds, which "
+            "is what epochs in a file tell apart."
+        )
+    time = microseconds * 1e-6
+    origin, frame = reference_frames(plan.scenario, time)
+    states = origin + frame.to_inertial(_relative(plan, time - start))
+    return SampledArcs(reference.epoch, microseconds.astype(int), states)
+
+
+def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
+    """LVLH states at times since the start of each interval, s."""
+    problem = plan.scenario.problem
+    if plan.as_flown:
+        return flown_between(plan.scenario.initial, plan.controls, problem, time)
+    A, B = problem.dynamics.step(time, np.arange(problem.intervals)[:, None])
+    return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
+
+
+def _segment(plan: Plan, arcs: SampledArcs, craft: int, arc: int, name: str) -> Iterator[str]:
+    thrust = " ".join(f"{u:.12e}" for u in plan.controls[craft, arc].tolist())
+    epochs = [stamp(arcs.epoch, 1e-6 * each) for each in arcs.microseconds[arc].tolist()]
+    yield from (
+        "",
+        "META_START",
+        f"COMMENT Arc {arc + 1} of {len(arcs.microseconds)}. Constant thrust, m/s**2,",
+        f"COMMENT radial, along-track and cross-track: {thrust}",
+        *described(plan, craft, name),
+        f"START_TIME = {epochs[0]}",
+        f"STOP_TIME = {epochs[-1]}",
+        "INTERPOLATION = HERMITE",
+        f"INTERPOLATION_DEGREE = {DEGREE}",
+        "META_STOP",
+    )
+    for epoch, state in zip(epochs, (arcs.states[craft, arc] / 1e3).tolist(), strict=True):
+        position, velocity = state[:3], state[3:]
+        numbers = [*(f"{p:.12f}" for p in position), *(f"{v:.15f}" for v in velocity)]
+        yield f"{epoch} {' '.join(numbers)}"
+
+
+def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None) -> list[Path]:
+    """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
+
+    A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.
+
+    Raises:
+        InputError: without a reference orbit, masses or a specific impulse, or for states that are
+            not what the controls lead to.
+    """
+    epoch = reference_of(plan.scenario).epoch
+    if masses is None or masses.specific_impulse is None:
+        raise InputError(
+            "the masses of the craft are not known, and a manoeuvre in an OPM says what mass it "
+            "takes; expected mass (kg) and specific_impulse (s), as in --mass 12 "
+            "--specific-impulse 220."
+        )
+    held, burns, scenario = masses, burns_of(plan, masses), plan.scenario
+    origin, frame = reference_frames(scenario, np.zeros(scenario.n))
+    states = origin + frame.to_inertial(scenario.initial)
+    added = _velocities(plan, burns)
+
+    def message(craft: int) -> Iterator[str]:
+        yield from header("CCSDS_OPM_VERS = 3.0", plan, craft)
+        yield from described(plan, craft, name)
+        yield f"EPOCH = {stamp(epoch)}"
+        keys = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+        for key, value in zip(keys, (states[craft] / 1e3).tolist(), strict=True):
+            yield f"{key} = {value:.15g}"
+        yield f"MASS = {held.mass[craft]:.15g}"
+        for row in np.flatnonzero(burns.craft == craft).tolist():
+            thrust = " ".join(f"{u:.12e}" for u in burns.acceleration[row].tolist())
+            start = float(burns.interval[row]) * scenario.problem.time_step
+            yield "COMMENT Constant along the axes of the reference orbit, which turn, m/s**2,"
+            yield f"COMMENT radial, along-track and cross-track: {thrust}"
+            yield f"MAN_EPOCH_IGNITION = {stamp(epoch, start)}"
+            yield f"MAN_DURATION = {scenario.problem.time_step:.15g}"
+            yield f"MAN_DELTA_MASS = {-burns.propellant[row]:.15g}"
+            yield "MAN_REF_FRAME = EME2000"
+            for k, value in enumerate((added[row] / 1e3).tolist(), 1):
+                yield f"MAN_DV_{k} = {value:.15g}"
+
+    return write_messages(folder, ".opm", scenario.n, message)
+
+
+def _velocities(plan: Plan, burns: Burns) -> Float[Array, "burns 3"]:
+    """What burns add to inertial velocities, m/s: the integral of what turns with the frame."""
+    problem = plan.scenario.problem
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    share = np.arange(problem.intervals)[:, None] + (1 + points) / 2
+    turned = reference_frames(plan.scenario, problem.time_step * share)[1].axes
+    mean = np.tensordot(turned, weights / 2, axes=(1, 0))
+    added: Float[Array, "burns 3"] = problem.time_step * np.matvec(
+        mean[burns.interval], burns.acceleration
+    )
+    return added

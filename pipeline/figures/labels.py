@@ -92,7 +92,7 @@ def name_of(planner: str) -> str:
     return "No seed" if planner == "none" else KNOWN.get(planner, visible(planner))
 
 
-def called(planner: str, recipe: str) -> str:
+def planner_label(planner: str, recipe: str) -> str:
     """Label of a planner: its name, and the recipe that its network was trained by."""
     return f"{name_of(planner)} {recipe}".strip()
 
@@ -119,11 +119,11 @@ def is_network(planner: str) -> bool:
     return planner not in EXPERTS | BASELINES
 
 
-def in_sentence(planner: str) -> str:
+def name_in_sentence(planner: str) -> str:
     """The name of a planner within a sentence."""
     return f"the {planner}" if planner in EXPERTS | REFINERS else name_of(planner)
 
 
-def is_papers(planner: str) -> bool:
+def is_of_paper(planner: str) -> bool:
     """Whether a planner is a network of the paper's, be it of one version alone ("ff1/3")."""
     return planner.partition("/")[0] in FEED_FORWARD | RECURRENT

@@ -92,7 +92,7 @@ OTHER_MARKERS = ("X", "h", "p", "d")
 
 
 def styles(planners: Iterable[str]) -> dict[str, Style]:
-    """A style for each planner; planners unknown to the paper share out further ones by name."""
+    """A style for each planner; planners that the paper does not know get further ones by name."""
     others = [p for p in in_order(planners) if p not in KNOWN]
     further = {
         p: Style(OTHER_COLOURS[k % len(OTHER_COLOURS)], OTHER_MARKERS[k % len(OTHER_MARKERS)], "-.")

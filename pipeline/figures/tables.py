@@ -11,10 +11,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.figures.labels import percents
-from pipeline.files import write_text
-from pipeline.markdown import Markdown, table
-from pipeline.templates import template
-from pipeline.text import visible
+from pipeline.files import write_rows
+from pipeline.markup import Markdown, table, template
 
 INTERVALS = "Brackets are 95 % intervals: Wilson's of a share, Student's of a mean."
 
@@ -54,7 +52,7 @@ class Table:
 
     @property
     def signs(self) -> str:
-        """What brackets and ± mean in it, where it has any."""
+        """An explanation of brackets and ±, where the table has any."""
         said = [INTERVALS] if any(column.interval for column in self.columns) else []
         spreads = [column.spread for column in self.columns if column.spread]
         if self.frame[spreads].notna().any(axis=None):
@@ -78,11 +76,10 @@ class Section:
     """Text with tables and figures in it.
 
     A template places them by ``{% call table(x) %}caption{% endcall %}`` and
-    ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs, and other ends
-    of lines are as good as spaces.
+    ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs.
     """
 
-    template: str  # path, as for ``pipeline.templates.template``
+    template: str  # path, as for ``pipeline.markup.template``
     values: Mapping[str, Any]  # of the names in the template
 
 
@@ -114,15 +111,12 @@ class Writer:
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV, which appears whole; invisible characters become escapes."""
-    shown = frame.copy()
-    for name, column in frame.select_dtypes(["object", "string"]).items():
-        texts = [visible(value) if isinstance(value, str) else value for value in column]
-        shown[name] = pd.Series(texts, frame.index, dtype=object)
-    write_text(path, shown.rename(columns=visible).to_csv(index=False, lineterminator="\n"))
+    known = frame.astype(object).where(frame.notna(), None)
+    write_rows(path, frame.columns, known.itertuples(index=False))
 
 
 def file_name(name: str) -> str:
-    """A name as one of a file: one with other signs, or a long one, gets its digest at the end."""
+    """A name as a file name; where it has other characters or is long, its digest ends it."""
     plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)[:LONGEST]
     return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 

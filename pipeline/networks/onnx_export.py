@@ -19,8 +19,7 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError, ProlearnError, check_range
-from pipeline.extras import told_which_extra
+from pipeline.errors import InputError, ProlearnError, check_range, told_which_extra
 from pipeline.files import published
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import INTERIORS, Encoding

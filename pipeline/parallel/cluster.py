@@ -1,4 +1,4 @@
-"""A pool of the workers of a Dask cluster, whose scheduler may go and come back."""
+"""A pool of the workers of a Dask cluster, whose scheduler may be lost and come back."""
 
 import logging
 import socket
@@ -10,11 +10,10 @@ from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from pipeline.errors import InputError, ProlearnError
-from pipeline.extras import told_which_extra
+from pipeline.errors import InputError, ProlearnError, told_which_extra
 from pipeline.parallel.processes import KEPT, SAME, WorkersLostError
 from pipeline.progress import Progress
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -79,10 +78,10 @@ class Cluster:
             return True
 
     def results(self, calls: Iterator[Callable[[], Any]]) -> Iterator[Any]:
-        """Results of calls in the order in which they are done; what one raises is raised.
+        """Results of calls in the order in which they are done; raises what a call raises.
 
-        A call is drawn when its turn comes, so not all need to fit in memory at once.
-        WorkersLostError where workers are; calls without a result are to be made again.
+        A call is drawn at its turn, so that not all need to fit in memory. WorkersLostError where
+        workers are lost; calls without a result are to be made again.
         """
         done: SimpleQueue[Future] = SimpleQueue()
         under_way = 0

@@ -1,6 +1,176 @@
 """The report: result tables in; Markdown, one HTML page, CSV tables and figures out."""
 
-from pipeline.report.page import ReportFiles, build_report
-from pipeline.report.results import Results, no_rows
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.errors import InputError
+from pipeline.experiments import (
+    experiment1,
+    experiment2,
+    experiment3,
+    experiment4,
+    experiment5,
+    scaling,
+    trainings,
+)
+from pipeline.experiments.averages import prepared, reference_size, summarize
+from pipeline.experiments.records import NO_SEED, TABLES
+from pipeline.experiments.verdicts import CHEAP, SAFE
+from pipeline.figures.labels import planner_of, share
+from pipeline.figures.style import save, styles
+from pipeline.figures.tables import Column, Picture, Section, Table, Writer, file_name, write_csv
+from pipeline.figures.transfer import Example, transfer_figure
+from pipeline.files import write_text
+from pipeline.report.html import html_page
 
 __all__ = ["ReportFiles", "Results", "build_report", "no_rows"]
+
+TITLE = "Learned swarm transfers between passive relative orbits"
+
+QUESTIONS = [
+    *(Column("Question", "question"), Column("Verdict", "verdict")),
+    *(Column("Numbers", "numbers"), Column("Best free baseline", "baseline")),
+]
+
+PROVENANCE = [
+    *(Column("Part", "part"), Column("Run", "run_short"), Column("Made", "made")),
+    *(Column("Data", "data"), Column("Digest", "digest_short"), Column("Code", "code_short")),
+    Column("Machine", "machine"),
+]
+DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
+
+
+def no_rows(table: str) -> pd.DataFrame:
+    """A table of ``TABLES`` without rows."""
+    return pd.DataFrame(columns=list(TABLES[table]))
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Tables as the experiments leave them, by their columns in TABLES; most may be empty.
+
+    Attributes:
+        provenance: a row for each run that a table comes from: part, run, made, data, digest,
+            code, versions, machine.
+        notes: on parts that are left out or were made otherwise; text, or ``Markdown``.
+
+    Raises:
+        InputError: ``trials`` is empty, or a table lacks a column of ``TABLES``.
+    """
+
+    trials: pd.DataFrame
+    warmstarts: pd.DataFrame = field(default_factory=partial(no_rows, "warmstarts"))
+    training: pd.DataFrame = field(default_factory=partial(no_rows, "training"))
+    curves: pd.DataFrame = field(default_factory=partial(no_rows, "curves"))
+    examples: Sequence[Example] = ()
+    provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
+    notes: Sequence[str] = ()
+    transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
+    flights: pd.DataFrame = field(default_factory=partial(no_rows, "flights"))
+
+    def __post_init__(self) -> None:
+        if self.trials.empty:
+            raise InputError(
+                "the results hold no trials, and a report needs at least one planner's: "
+                "run `prolearn evaluate` first"
+            )
+        for name, columns in TABLES.items():
+            missing = [c for c in columns if c not in getattr(self, name).columns]
+            if missing:
+                raise InputError(
+                    f"the results table {name!r} lacks the columns {', '.join(missing)}: "
+                    "write it with the prolearn of this report"
+                )
+
+    @property
+    def planners(self) -> set[str]:
+        """Every planner that some table names."""
+        tables = (self.trials, self.transfer_times, self.flights)
+        named = [table["planner"] for table in tables]
+        named += [self.training["arch"], self.curves["arch"]]
+        return {*pd.concat(named), *map(planner_of, self.warmstarts["seed"])} - {NO_SEED}
+
+
+@dataclass(frozen=True)
+class ReportFiles:
+    """Where a report lies."""
+
+    markdown: Path  # refers to the figures
+    html: Path  # contains them
+    tables: tuple[Path, ...]  # a CSV file for each table
+    figures: tuple[Path, ...]  # an SVG and a PNG file for each figure
+
+
+def build_report(results: Results, out: Path) -> ReportFiles:
+    """Write a report: report.md, report.html, tables/ and figures/; same results, same bytes."""
+    summary, n = summarize(results.trials), reference_size(results.trials)
+    # One style for each planner of any table, so that it looks the same in every figure.
+    look = styles(results.planners)
+    sections = [
+        questions(results, summary, n),
+        experiment1.section(summary, n, look),
+        trainings.section(results.training, results.curves, look),
+        experiment2.section(summary, look),
+        *scaling.sections(prepared(results.trials), results.training, look),
+        experiment3.section(results.warmstarts, look),
+        experiment4.section(results.transfer_times, look),
+        experiment5.section(results.flights, look),
+        examples(results.examples),
+        provenance(results.provenance),
+    ]
+    writer = Writer()
+    markdown = "\n\n".join([f"# {TITLE}", *map(writer.write, sections)]) + "\n"
+    tables, figures, drawn = [], [], {}
+    for table in [*writer.tables, Table("summary", summary, [])]:
+        tables.append(out / "tables" / f"{file_name(table.name)}.csv")
+        write_csv(table.frame, tables[-1])
+    for picture in writer.pictures:
+        path = out / "figures" / file_name(picture.name)
+        save(picture.figure, path)
+        figures += [path.with_name(path.name + suffix) for suffix in (".svg", ".png")]
+        drawn[f"figures/{path.name}.svg"] = figures[-2].read_bytes()
+    page = html_page(TITLE, markdown, drawn)
+    files = ReportFiles(out / "report.md", out / "report.html", tuple(tables), tuple(figures))
+    write_text(files.markdown, markdown)
+    write_text(files.html, page)
+    return files
+
+
+def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
+    """The table of questions that opens the report; what is missing says how to get it."""
+    trials, training = prepared(results.trials), results.training
+    found = [
+        *experiment1.findings(trials, training, n),
+        *experiment2.size_findings(trials, training, n),
+        *scaling.findings(scaling.larger_swarms(trials, training), training),
+        *experiment2.family_findings(summary),
+        *experiment3.findings(results.warmstarts),
+        *experiment4.findings(results.transfer_times, training),
+        *experiment5.findings(results.flights),
+        *experiment1.paper_findings(summary),
+    ]
+    table = Table("questions", pd.DataFrame(map(asdict, found)), QUESTIONS) if found else None
+    values = {"findings": table, "notes": results.notes, "safe": share(SAFE), "cheap": CHEAP}
+    return Section("pipeline/report/questions.md.jinja", values)
+
+
+def examples(shown: Sequence[Example]) -> Section:
+    """A figure for each example transfer (the paper's Figures 1 and 9)."""
+    pictures = [
+        (one.title, Picture(f"transfer-{k}", transfer_figure(one)))
+        for k, one in enumerate(shown, start=1)
+    ]
+    return Section("pipeline/experiments/examples.md.jinja", {"pictures": pictures})
+
+
+def provenance(runs: pd.DataFrame) -> Section:
+    """The run behind each table, where any is known."""
+    table = None
+    if not runs.empty:
+        short = {f"{name}_short": runs[name].str[:DIGITS] for name in ("run", "digest", "code")}
+        table = Table("provenance", runs.assign(**short), PROVENANCE)
+    return Section("pipeline/report/provenance.md.jinja", {"runs": table})

@@ -11,7 +11,7 @@ from markdown_it.rules_inline import StateInline
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from pipeline.templates import template
+from pipeline.markup import template
 
 TABLE = '<div class="table" role="region" aria-label="table" tabindex="0">\n<table>\n'
 """Tables have a box of their own that scrolls where the window is narrow."""

@@ -1,5 +1,64 @@
 """A plan to look at: one HTML page that opens without a network."""
 
-from pipeline.show.page import page, write_page
+import base64
+import gzip
+import hashlib
+from pathlib import Path
+
+from jinja2.utils import htmlsafe_json_dumps
+
+from pipeline.files import write_text
+from pipeline.markup import template
+from pipeline.orbit.corridors import DRAWN
+from pipeline.plan import Plan, Rechecked, recheck
+from pipeline.show.data import page_data, steps_of
+from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
 
 __all__ = ["page", "write_page"]
+
+HERE = Path(__file__).parent
+
+
+def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
+    """The page of a plan, which refers to nothing outside itself, and what it says of the plan."""
+    shown, scenario = recheck(claimed), claimed.scenario
+    data, pairs = page_data(shown.plan)
+    found = shown.plan.certificate
+    by_kind = found.craft_delta_v, found.craft_delta_v_2norm, found.craft_delta_v_thrusters
+    script = (HERE / "page.js").read_text(encoding="utf-8")
+    plotly = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
+    text = template("pipeline/show/page.html.jinja").render(
+        name=name,
+        planner=claimed.planner,
+        n=scenario.n,
+        verdict=verdict(shown, claimed.status),
+        certificate=certificate_rows(shown.plan, claimed.status),
+        scenario=scenario_rows(scenario),
+        thrusters=bool(found.craft_delta_v_thrusters),
+        spent=list(zip(*filter(None, by_kind), strict=True)),
+        planning=planner_rows(shown.plan, claimed.status),
+        pairs=pairs,
+        collision_radius=scenario.problem.collision_radius,
+        unlike=scenario.sized,
+        corridors=bool(scenario.corridors),
+        cone=DRAWN,
+        spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
+        hashes=[_hash(script.encode()), _hash(plotly)],
+        data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
+        script=script,
+        plotly=base64.b64encode(gzip.compress(plotly, mtime=0)).decode(),
+        licence=(HERE / "vendor" / "LICENSE").read_text(encoding="utf-8"),
+    )
+    return text, shown
+
+
+def write_page(path: Path, claimed: Plan, name: str) -> Rechecked:
+    """Write the page of a plan, which appears whole, and return what it says of the plan."""
+    text, shown = page(claimed, name)
+    write_text(path, text)
+    return shown
+
+
+def _hash(script: bytes) -> str:
+    """The name by which a content security policy knows a script."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(script).digest()).decode()

@@ -1,4 +1,4 @@
-"""The numbers of a page, rounded for it: its script draws them, and computes none of them."""
+"""The numbers that the script of a page draws, rounded."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +28,7 @@ FLATTEST = 0.3  # least extent of the box on any axis, as a share of the largest
 
 @dataclass(frozen=True)
 class Pair:
-    """Two craft at their closest."""
+    """The closest approach of two craft."""
 
     first: int  # the craft of lower index
     second: int  # the other

@@ -25,7 +25,7 @@ Rows = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What stands at the top of a page."""
+    """The verdict at the top of a page."""
 
     good: bool  # whether the plan is safe and nothing is wrong with it
     headline: str  # the verdict in few words
@@ -95,7 +95,6 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
 
 
 def _motion(plan: Plan) -> str:
-    """Which motion a certificate is about."""
     if plan.as_flown:
         return "the flight about the reference orbit, in all terms"
     circle = plan.scenario.problem.orbit is None
@@ -103,7 +102,6 @@ def _motion(plan: Plan) -> str:
 
 
 def _fuel(scenario: Scenario) -> str:
-    """What fuel is, by the kind of thrust."""
     kinds = {COMPONENTS: "Fuel Σ‖u‖₁ (Eq. 4)", NORM: "Fuel Σ‖u‖₂"}
     model = scenario.problem.thrust.model
     return kinds[model] if isinstance(model, str) else "Fuel, sum of all thrusts"
@@ -155,7 +153,6 @@ def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
 
 
 def _corridor_rows(inside: CorridorMargin | None) -> Rows:
-    """How far inside of their corridors craft stay, where there are any."""
     if inside is None:
         return []
     where = f"craft {inside.craft} in corridor {inside.corridor}, at {inside.time:.1f} s"
@@ -167,13 +164,14 @@ def _corridor_rows(inside: CorridorMargin | None) -> Rows:
 
 
 def _waypoint_rows(found: Certificate) -> Rows:
-    """Largest errors at waypoints, in position and velocity, where there are any."""
-    position, velocity = found.waypoint_error, found.waypoint_velocity_error
-    if position is None or velocity is None:
-        return []
+    errors = (
+        ("position", "m", found.waypoint_error),
+        ("velocity", "m/s", found.waypoint_velocity_error),
+    )
     return [
-        ("Waypoints missed by, position", f"{error(position)} m"),
-        ("Waypoints missed by, velocity", f"{error(velocity)} m/s"),
+        (f"Waypoints missed by, {of}", f"{error(missed)} {unit}")
+        for of, unit, missed in errors
+        if missed is not None
     ]
 
 
@@ -210,7 +208,6 @@ def _risk_rows(found: Certificate) -> Rows:
 
 
 def _passive_safety_rows(found: Certificate) -> Rows:
-    """What follows a loss of thrust, where the file says something of it."""
     drifting = found.passive_safety
     if drifting is None:
         return []
@@ -232,8 +229,7 @@ def scenario_rows(scenario: Scenario) -> Rows:
     """The scenario."""
     problem = scenario.problem
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
-    most = problem.max_acceleration
-    limit = "none" if most is None else f"{1000 * most:g} mm/s²"
+    limit = _milli(problem.max_acceleration, "mm/s²", "none")
     eccentricity = 0.0 if problem.orbit is None else problem.orbit.eccentricity
     altitude = radius_at(problem.mean_motion) * (1 - eccentricity) - R_EARTH
     lowest = "at perigee " if eccentricity else ""
@@ -252,7 +248,6 @@ def scenario_rows(scenario: Scenario) -> Rows:
 
 
 def _size_rows(scenario: Scenario) -> Rows:
-    """Radii of craft, and obstacles, where there are any."""
     inside = [(f"Corridor {k}", _corridor(one)) for k, one in enumerate(scenario.corridors)]
     if not scenario.sized:
         return inside
@@ -266,34 +261,33 @@ def _size_rows(scenario: Scenario) -> Rows:
 
 
 def _corridor(one: Corridor) -> str:
-    """A corridor, in words."""
     who = ", ".join(map(str, one.craft)) or "all"
     return f"{one.inside}, craft {who}, {one.begin:g} to {one.end:g} s"
 
 
 def _limit_rows(scenario: Scenario) -> Rows:
     """What the scenario says of thrust beyond a limit on its components."""
-    thrust = scenario.problem.thrust
-    rows = []
+    thrust, kind = scenario.problem.thrust, ""
     if thrust.model != COMPONENTS:
         kind = "one that is pointed" if thrust.model == NORM else f"{len(thrust.model)} directions"
-        rows.append(("Thrusters", kind))
-    if thrust.max_acceleration_norm is not None:
-        most = f"{1000 * thrust.max_acceleration_norm:g} mm/s²"
-        rows.append(("Limit on the norm of thrust", most))
-    if thrust.min_delta_v is not None:
-        rows.append(("Smallest impulse bit", f"{1000 * thrust.min_delta_v:g} mm/s"))
-    if thrust.no_burn:
-        rows.append(("No craft burns", _windows(thrust.no_burn)))
-    if thrust.objective == "fair":
-        rows.append(("What is least", "the largest share that a craft burns of its Δv"))
-    return rows + [
-        (f"Craft {k} of its own", own) for k, one in enumerate(scenario.craft) if (own := _own(one))
+    fair = thrust.objective == "fair"
+    rows = [
+        ("Thrusters", kind),
+        ("Limit on the norm of thrust", _milli(thrust.max_acceleration_norm, "mm/s²")),
+        ("Smallest impulse bit", _milli(thrust.min_delta_v, "mm/s")),
+        ("No craft burns", _windows(thrust.no_burn)),
+        ("What is least", "the largest share that a craft burns of its Δv" if fair else ""),
+        *((f"Craft {k} of its own", _own(one)) for k, one in enumerate(scenario.craft)),
     ]
+    return [row for row in rows if row[1]]
+
+
+def _milli(value: float | None, unit: str, other: str = "") -> str:
+    """A value in thousandths of its SI unit, or another text where there is none."""
+    return other if value is None else f"{1000 * value:g} {unit}"
 
 
 def _own(craft: Spacecraft) -> str:
-    """The limits of one craft of its own."""
     limits = (
         (craft.max_acceleration, 1e3, "mm/s² a component"),
         (craft.max_acceleration_norm, 1e3, "mm/s² in norm"),
@@ -308,7 +302,6 @@ def _windows(no_burn: Windows) -> str:
 
 
 def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
-    """A reference orbit that is no circle, or has perturbations."""
     if orbit is None:
         return []
     drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"

@@ -13,7 +13,7 @@ from pyarrow import fs
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published, unfinished
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
 

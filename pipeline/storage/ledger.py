@@ -16,23 +16,12 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
 import pyarrow as pa
 from filelock import FileLock, Timeout
 
+from pipeline import storage
 from pipeline.documents import parsed, with_checksum, without_checksum
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
-from pipeline.storage import (
-    COPY,
-    DAMAGED,
-    LOCK,
-    MANIFEST,
-    PLACES,
-    STAMPS,
-    TIMED,
-    TIMINGS,
-    WRITER,
-    WRITTEN,
-)
 from pipeline.storage.folder import Folder
 from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode
 
@@ -71,15 +60,15 @@ class ShardManifest(Protocol):
 
 @dataclass(frozen=True)
 class ShardList:
-    """A manifest that says no more than the shards, of folders whose shards say the rest."""
+    """A manifest that lists shards alone; their metadata says how they were made."""
 
     schema: str
     shards: Mapping[str, str]
 
     @classmethod
     def of(cls, folder: Folder, schema: str) -> "ShardList":
-        """The one of a folder, or of its copy; without either no shard is listed."""
-        for name in (MANIFEST, COPY):
+        """The list in a folder's manifest, or in its copy; empty without either."""
+        for name in (storage.MANIFEST, storage.COPY):
             with suppress(OSError, ValueError, KeyError, TypeError):
                 return cls(schema, dict(read_checked(folder, name)["shards"]))
         return cls(schema, {})
@@ -99,7 +88,7 @@ class Ledger(Generic[Kind]):
         self.folder, self._about, self._progress = folder, replace(manifest, shards={}), progress
         # SHA-256 of each shard, by its path: grows in place, since a folder may have very many.
         self.shards = dict(manifest.shards)
-        known = read_timed(folder) if folder.exists(TIMED) else {}
+        known = read_timed(folder) if folder.exists(storage.TIMED) else {}
         # SHA-256 of each shard of timings, by the path of the shard that they belong to.
         self.timed = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
@@ -109,7 +98,7 @@ class Ledger(Generic[Kind]):
 
     @property
     def manifest(self) -> Kind:
-        """The manifest with the shards of now; made anew, so ask ``shards`` for one of many."""
+        """The manifest with its present shards, as a copy: ask ``shards`` for single ones."""
         return replace(self._about, shards=dict(self.shards))
 
     def is_sound(self, name: str) -> bool:
@@ -135,7 +124,7 @@ class Ledger(Generic[Kind]):
         if self.folder.exists(name) and not self._holds(name, digest):
             set_aside(self.folder, name, self._progress)
         if timings is not None:
-            self.folder.publish(TIMINGS + name, timings)
+            self.folder.publish(storage.TIMINGS + name, timings)
             self.timed[name] = digest_of(timings)
         self.folder.publish(name, content)
         self.shards[name] = digest
@@ -148,7 +137,7 @@ class Ledger(Generic[Kind]):
     def adopt(self, name: str, most: Size, fits: Callable[[pa.Table], bool]) -> bool:
         """Add a shard that a killed run did not commit, if it is whole and belongs in its place."""
         try:
-            content, timings = self.folder.read(name), self.folder.read(TIMINGS + name)
+            content, timings = self.folder.read(name), self.folder.read(storage.TIMINGS + name)
             table = decode(content, most)
             belongs_to = (decode(timings, most).schema.metadata or {}).get(TIMED_KEY)
             whole = fits(table) and encode(table) == content  # not every byte has a checksum
@@ -172,11 +161,12 @@ class Ledger(Generic[Kind]):
         manifest, timed, stamps = self._committed
         if self.timed != timed:
             shards = dict(sorted(self.timed.items()))
-            write_checked(self.folder, TIMED, {"schema": TIMED_SCHEMA, "shards": shards})
+            write_checked(self.folder, storage.TIMED, {"schema": TIMED_SCHEMA, "shards": shards})
         if now[0] != manifest:
-            write_checked(self.folder, MANIFEST, now[0].fields(), COPY)
+            write_checked(self.folder, storage.MANIFEST, now[0].fields(), storage.COPY)
         if self._stamps != stamps:
-            self.folder.publish(STAMPS, (json.dumps(self._stamps, indent=1) + "\n").encode())
+            text = json.dumps(self._stamps, indent=1) + "\n"
+            self.folder.publish(storage.STAMPS, text.encode())
         self._committed, ended = now, monotonic()
         self._not_before = ended + (ended - started) / COMMIT_SHARE
 
@@ -226,7 +216,7 @@ def write_shards(
             progress.done(len(task.rows), failed=made.failed)
 
 
-def set_aside(folder: Folder, name: str, progress: Progress, top: str = DAMAGED) -> None:
+def set_aside(folder: Folder, name: str, progress: Progress, top: str = storage.DAMAGED) -> None:
     """Move a file out of the way of readers, under a new name, and say so."""
     names = (f"{top}{name}.{number}" for number in count(1))
     aside = next(one for one in names if not folder.exists(one))
@@ -247,30 +237,30 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     if folder.local is None:
         yield
         return
-    top, ours = folder.local, re.compile(f"{WRITTEN}|{owned}")
+    top, ours = folder.local, re.compile(f"{storage.WRITTEN}|{owned}")
     with _locked(folder, top):
-        for path in [path for place in PLACES for path in top.glob(f"{place}.*.tmp")]:
+        for path in [path for place in storage.PLACES for path in top.glob(f"{place}.*.tmp")]:
             whole = unfinished(path)
             if whole and ours.fullmatch(whole.relative_to(top).as_posix()) and path.is_file():
                 folder.remove(path.relative_to(top).as_posix())
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
         try:
-            folder.publish(WRITER, writer.encode())
+            folder.publish(storage.WRITER, writer.encode())
             yield
         finally:
             with suppress(ProlearnError):
-                folder.remove(WRITER)
+                folder.remove(storage.WRITER)
 
 
 def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
     try:
         path.mkdir(parents=True, exist_ok=True)
-        return FileLock(path / LOCK, timeout=0).acquire()
+        return FileLock(path / storage.LOCK, timeout=0).acquire()
     except Timeout as error:
         holder = "another process"
         with suppress(OSError):
-            holder = folder.read(WRITER).decode()
+            holder = folder.read(storage.WRITER).decode()
         raise InputError(
             f"{folder} is being written by {holder}; wait for it, or work in another folder."
         ) from error
@@ -305,7 +295,7 @@ def open_ledger(
 def read_timed(folder: Folder) -> dict[str, str] | None:
     """Digests of timings by the path of their shard, or None where they cannot be read."""
     try:
-        fields = read_checked(folder, TIMED)
+        fields = read_checked(folder, storage.TIMED)
         return dict(fields["shards"]) if fields["schema"] == TIMED_SCHEMA else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -314,7 +304,7 @@ def read_timed(folder: Folder) -> dict[str, str] | None:
 def _read_stamps(folder: Folder) -> dict[str, list[int | str]]:
     """The stamps of shards; none where they are missing or damaged, so that shards are read."""
     try:
-        found = parsed(folder.read(STAMPS))
+        found = parsed(folder.read(storage.STAMPS))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

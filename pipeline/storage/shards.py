@@ -24,7 +24,7 @@ ROW_BYTES, VALUE_BYTES = 2**16, 32
 
 @dataclass(frozen=True)
 class Size:
-    """The most rows, and numbers in a column, of a shard: few bytes can stand for gigabytes."""
+    """Limits of a shard: a small file can stand for gigabytes."""
 
     rows: int
     values: int

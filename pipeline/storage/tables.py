@@ -1,4 +1,4 @@
-"""Tables of pandas as the bytes of Parquet files, read back though nobody vouches for them."""
+"""Tables of pandas as the bytes of Parquet files, which are checked before they are read."""
 
 import pandas as pd
 import pyarrow as pa

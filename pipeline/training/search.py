@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.errors import InputError, ProlearnError
-from pipeline.extras import told_which_extra
+from pipeline.errors import InputError, ProlearnError, told_which_extra
 from pipeline.files import make_folder
 from pipeline.networks.encoding import INTERIORS
 

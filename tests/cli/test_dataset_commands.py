@@ -116,8 +116,8 @@ def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
 @pytest.fixture
 def long_work(tmp_path):
     """A folder with a few seconds of work, in small shards."""
+    from pipeline.dataset.making import sample
     from pipeline.dataset.samples import Sample
-    from pipeline.dataset.sampling import sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "long"

@@ -10,19 +10,18 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from cli.jobs.networks import unlearned
+from cli.jobs.networks import classical_planners
 from cli.main import app
 from cli.progress import each, progress
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
-PLANNERS = len(unlearned()) + 1
+PLANNERS = len(classical_planners()) + 1
 """Experts, baselines, and one network."""
 
 

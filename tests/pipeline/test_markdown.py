@@ -5,7 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
-from pipeline.markdown import Markdown, code, escaped, formatted, table
+from pipeline.markup import Markdown, code, escaped, formatted, table
 from pipeline.text import visible
 
 GITHUB = MarkdownIt("commonmark", {"html": True}).enable(["table", "strikethrough"])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.urls import public, public_url
+from pipeline.text import public, public_url
 
 PLAIN = [
     "data/paper",

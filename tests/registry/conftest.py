@@ -14,10 +14,9 @@ from forked import Forked
 from noisy import network
 
 from pipeline.dataset.examples import Examples
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
 from pipeline.figures.style import RC
 from pipeline.networks.architecture import recipe_for

@@ -41,7 +41,7 @@ LATE = (
     "PIL.JpegImagePlugin",
     "pyarrow.dataset",
     "pipeline.networks.feedforward",
-    "pipeline.show.page",
+    "pipeline.show",
     "sqlalchemy.dialects.sqlite",
     "tabulate",
     "torch._dynamo",

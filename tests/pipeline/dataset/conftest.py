@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

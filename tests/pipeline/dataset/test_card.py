@@ -16,12 +16,19 @@ from contents import content
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.dataset.card import altitude_of, commands, preset_of, ranges, write_card
-from pipeline.dataset.front_matter import HUB_NAMES, File, files_by_split
+from pipeline.dataset.card import (
+    HUB_NAMES,
+    File,
+    altitude_of,
+    commands,
+    files_by_split,
+    preset_of,
+    ranges,
+    write_card,
+)
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import PRESETS, Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings

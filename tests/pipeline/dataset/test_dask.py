@@ -24,9 +24,8 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.dataset import samples as presets
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import verify
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_one

@@ -13,11 +13,10 @@ import pytest
 from contents import content
 from rights import read_only, room_until_told
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import OWNED, read_manifest
 from pipeline.dataset.reading import examples
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings

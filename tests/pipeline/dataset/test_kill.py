@@ -23,8 +23,8 @@ import sys
 from pathlib import Path
 from kills import die_at_flush, kills, run_again
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
+from pipeline.dataset.making import sample
+from pipeline.dataset.making import solve
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
@@ -61,7 +61,7 @@ def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_
 
 SOLVE = textwrap.dedent("""
     import sys
-    from pipeline.dataset.solving import solve
+    from pipeline.dataset.making import solve
     from pipeline.progress import Progress
     from pipeline.parallel.workers import Workers
     from pipeline.expert import Settings
@@ -77,8 +77,8 @@ SOLVE = textwrap.dedent("""
 @pytest.fixture
 def busy(tmp_path):
     """A folder with some work for two processes."""
+    from pipeline.dataset.making import sample
     from pipeline.dataset.samples import Sample
-    from pipeline.dataset.sampling import sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
@@ -99,7 +99,7 @@ def until(holds, seconds=30.0):
 def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(busy, tmp_path):
     import shutil
 
-    from pipeline.dataset.solving import solve
+    from pipeline.dataset.making import solve
     from pipeline.expert import Settings
     from pipeline.parallel.workers import Workers
 
@@ -123,8 +123,8 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
 @pytest.fixture
 def weighty(tmp_path):
     """A folder whose shards are larger than a pipe holds, so that a worker gets them in parts."""
+    from pipeline.dataset.making import sample
     from pipeline.dataset.samples import Sample
-    from pipeline.dataset.sampling import sample
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "weighty"

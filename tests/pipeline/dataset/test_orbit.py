@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from relative import linear_flight, pull
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import read_solved
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
 from pipeline.dataset.schema import SOLVED_FIELDS
-from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

@@ -10,8 +10,8 @@ from contents import content
 from forged import forge
 from rights import bound_by_modes
 
+from pipeline.dataset.making import solve
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings

@@ -12,13 +12,12 @@ from forged import forge, remove
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.dataset import solving as stage
+from pipeline.dataset import making as stage
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import examples, solved_rows
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
 from pipeline.dataset.schema import SOLVED_FIELDS, scenarios_of, stacked
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import verify
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings, solve_many
@@ -279,8 +278,8 @@ def test_a_manifest_with_a_field_that_is_wrong_is_damaged_and_says_where(solved,
 WHOLE = """
 import sys
 from pathlib import Path
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
+from pipeline.dataset.making import sample
+from pipeline.dataset.making import solve
 from pipeline.dataset.verifying import verify
 from pipeline.parallel.workers import Workers
 from pipeline.dataset.samples import Sample

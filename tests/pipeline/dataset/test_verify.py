@@ -10,9 +10,8 @@ import pytest
 from contents import content
 from judge import judge_dataset
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.dataset.verifying import repair, verify
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
@@ -186,9 +185,9 @@ def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, change, 
 
 def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     """Plans kept apart at the nodes alone, judged by the continuous criterion."""
-    from pipeline.dataset.physics import row_faults
     from pipeline.dataset.reading import solved_rows
     from pipeline.dataset.samples import Sample
+    from pipeline.dataset.verifying import row_faults
     from pipeline.orbit.dynamics import cw_matrices
 
     sample(tmp_path, {10: Sample(count=8)}, Problem(), workers=ONE)

@@ -8,10 +8,9 @@ import pytest
 from contents import content
 from forged import forge, remove
 
+from pipeline.dataset.making import SOLVED_BY, sample, solve
 from pipeline.dataset.manifest import read_manifest, settings_of
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import SOLVED_BY, solve
 from pipeline.dataset.verifying import repair
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings

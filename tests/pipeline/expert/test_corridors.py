@@ -19,7 +19,7 @@ from pipeline.plan.document import plan_document, read_plan, write_plan
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, diagnostics
 from pipeline.scenario.document import document_of
-from pipeline.show.page import page
+from pipeline.show import page
 
 BOX = Corridor(Box((-30.0, -400.0, -20.0), (30.0, 0.0, 20.0)), 0.0, 1200.0)
 CONE = Corridor(Cone((0.0, 0.0, 0.0), (0.0, -1.0, 0.0), 10.0), 600.0, 1200.0, (0,))

@@ -21,8 +21,8 @@ from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, check, diagnostics, draw
 from pipeline.scenario.document import document_of
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.show import page
 from pipeline.show.data import page_data
-from pipeline.show.page import page
 
 E = Problem.mean_motion
 CHIEF = Obstacle("chief", (0.0,) * 6, radius=30.0)

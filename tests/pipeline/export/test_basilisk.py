@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.export.basilisk import write_basilisk
 from pipeline.export.burns import Masses
-from pipeline.export.ephemeris import thrust_arcs
+from pipeline.export.messages import thrust_arcs
 from pipeline.flight.conditions import Conditions, conditions_of, in_world
 from pipeline.flight.effects import effects
 from pipeline.orbit.problem import Problem

@@ -19,8 +19,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.export import write_plan_as
 from pipeline.export.burns import Masses, write_burns
-from pipeline.export.ephemeris import write_ephemerides
-from pipeline.export.parameters import write_parameters
+from pipeline.export.messages import write_ephemerides, write_parameters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.thrust import Thrust

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
-from pipeline.export.ephemeris import write_ephemerides
+from pipeline.export.messages import write_ephemerides
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.scenario import draw

@@ -2,8 +2,7 @@
 
 from pipeline.experiments.averages import summarize
 from pipeline.figures.tables import Table, Writer
-from pipeline.report import Results
-from pipeline.report.page import questions
+from pipeline.report import Results, questions
 
 
 def test_the_report_opens_with_the_questions_as_a_table(results):

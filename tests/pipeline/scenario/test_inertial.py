@@ -11,7 +11,7 @@ from by_brahe import flown_by_brahe
 
 import prolearn
 from pipeline.errors import InputError
-from pipeline.export.ephemeris import write_ephemerides
+from pipeline.export.messages import write_ephemerides
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit

@@ -13,8 +13,7 @@ import pytest
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
-from pipeline.show import page
-from pipeline.show.page import HERE
+from pipeline.show import HERE, page
 
 VENDOR = HERE / "vendor"
 BUNDLE = VENDOR / "plotly-gl3d.min.js"

@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from pipeline.dataset.examples import Examples
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.networks.architecture import find, recipe_for

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from forked import Forked
 
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.sampling import sample
-from pipeline.dataset.solving import solve
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

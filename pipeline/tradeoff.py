@@ -1,4 +1,4 @@
-"""Fuel against transfer time: one scenario planned for several durations, and the curve's knee.
+"""Fuel against transfer time: plans of several durations, the curve's knee, and its figure.
 
 The number of thrust arcs varies and their length, the scenario's time step, does not. An arc is how
 long a thruster holds one acceleration, and longer arcs waste fuel: for the same ten minutes ten
@@ -8,14 +8,16 @@ things, and every duration is a whole number of arcs here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor
-from typing import Literal, get_args
+from math import ceil, floor, nan
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError, check_choice, check_range
+from pipeline.figures import style
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner
@@ -30,6 +32,7 @@ FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six
 ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them
 BENT = 0.1  # least distance of a knee below the chord of the normalised curve
 LESS = 0.5  # most that a unit of time saves after a knee, of what one saves before it
+FOOT = 0.03  # height, as a share of the axes, at which durations without a safe plan are marked
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,3 +156,40 @@ def knee_of(points: Sequence[Point]) -> int | None:
     time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
     found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
     return None if found is None else safe[found]
+
+
+@style.in_style
+def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Figure:
+    """Plans by duration, marked at the foot where none is safe, their lower bound, and the knee."""
+    figure = Figure(figsize=(style.PAGE_WIDTH, 4.0), layout="constrained")
+    ax = figure.subplots()
+    minutes = [point.duration / 60 for point in points]
+    costs = [point.delta_v if point.safe else nan for point in points]
+    bounds = [nan if p.delta_v_lower_bound is None else p.delta_v_lower_bound for p in points]
+    ax.plot(minutes, costs, color="black", marker="o", label="certified plan")
+    ax.plot(minutes, bounds, color=style.GREY, linestyle="--", linewidth=0.9)
+    if bend is not None:
+        x, y, blue = minutes[bend], costs[bend], style.INITIAL_COLOUR
+        ax.plot(x, y, "o", color=blue, markersize=9, label="knee")
+        beside: dict[str, Any] = {"xytext": (10, 10), "textcoords": "offset points"}
+        ax.annotate(f"knee: {x:g} min, {y:.3g} m/s", (x, y), color=blue, **beside)
+    low_thrust = [p.duration / 60 for p in points if p.plan.status == INFEASIBLE]
+    failed = [p.duration / 60 for p in points if not p.safe and p.plan.status != INFEASIBLE]
+    marked = {"thrust limit too low": ("X", low_thrust), "no safe plan": ("x", failed)}
+    for label, (marker, times) in marked.items():
+        if times:
+            drawn: dict[str, Any] = {"marker": marker, "markersize": 7, "linestyle": "none"}
+            drawn |= {"color": style.CONFLICT_COLOUR, "transform": ax.get_xaxis_transform()}
+            ax.plot(times, [FOOT] * len(times), label=label, **drawn)
+    style.fit_scale(ax, "y", [*costs, *bounds])
+    if ax.get_yscale() == "linear":
+        ax.set_ylim(0, ax.get_ylim()[1])
+    low, high = ax.get_ylim()
+    label = "below the lower bound"
+    ax.fill_between(minutes, bounds, low, color="#e8e8e8", linewidth=0, label=label)
+    ax.set_ylim(low, high)
+    ax.set_xlabel("transfer time (min)")
+    ax.set_ylabel("Δv, Σ‖u‖₁Δt (m/s)")
+    ax.set_title(title)
+    ax.legend()
+    return figure

@@ -1,38 +1,101 @@
-"""Stage two of a dataset: the expert's plans for all of its scenarios, shard by shard."""
+"""Both stages of a dataset, shard by shard: scenarios are drawn, and the expert plans them."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
 import pyarrow as pa
 
+from pipeline.dataset import schema
 from pipeline.dataset.manifest import (
     OWNED,
+    TOP,
+    MadeWith,
     Manifest,
     Shard,
+    is_begun,
     read_manifest,
     recorded,
     requirements_of,
     settings_of,
 )
-from pipeline.dataset.sampling import SAMPLED_BY, draw_shard
-from pipeline.dataset.schema import same_scenarios, scenarios_of, solved_table, timing_table
+from pipeline.dataset.samples import Sample
+from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
+from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, draw, draw_many
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
+# Code of ours and packages that the bytes of scenarios depend on
+SAMPLED_BY: DecidedBy = ("pipeline/orbit", "pipeline/scenario"), ("numpy", "scipy", "pyarrow")
 # Code of ours and packages that the bytes of plans depend on
 SOLVED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "plan", "expert")),
     ("numpy", "scipy", "pyarrow", "clarabel", "highspy"),
 )
+
+
+def sample(
+    where: Where | Folder,
+    samples: Mapping[int, Sample],
+    problem: Problem,
+    *,
+    workers: Workers | None = None,
+    progress: Progress = SILENT,
+) -> Manifest:
+    """Draw samples, by swarm size, into a new folder or one begun with the same settings.
+
+    Shards that are there are kept. InputError for settings that cannot be sampled or differ from
+    those of the folder; ProlearnError where it cannot be written to or workers are killed again and
+    again.
+    """
+    folder, workers = open_folder(where), workers or Workers()
+    for n, one in samples.items():
+        draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
+    Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
+    foreign = [] if is_begun(folder) else [one for one in folder.top() if not TOP.fullmatch(one)]
+    if foreign:
+        raise InputError(
+            f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
+            "empty folder."
+        )
+    begin = partial(_begin_sampling, folder, samples, problem)
+    with open_ledger(folder, OWNED, begin, progress) as ledger:
+        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
+        write_shards(ledger, draw_shard, lost, workers, progress)
+    return ledger.manifest
+
+
+def _begin_sampling(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
+    """The manifest that the folder has or gets, where its settings agree with these."""
+    versions = made_with(*SAMPLED_BY)
+    if not is_begun(folder):
+        return Manifest(problem, dict(samples), {}, MadeWith(versions, {}), {})
+    manifest = read_manifest(folder)
+    refuse_change(str(folder), manifest.problem.document(), problem.document())
+    for n, one in samples.items():
+        if n in manifest.samples:
+            refuse_change(f"{folder} at n={n}", asdict(manifest.samples[n]), asdict(one))
+    refuse_other_versions(f"{folder} was sampled", manifest.made_with.sample, versions)
+    return replace(manifest, samples={**manifest.samples, **samples})
+
+
+def draw_shard(shard: Shard, _: bytes) -> NewShard:
+    """In a worker: the scenarios of a shard; its plans are dropped where these have changed."""
+    about, one = shard.about, shard.sample
+    check_worker(about.made_with.sample, SAMPLED_BY)
+    drawn = one.drawn_as(shard.rows)
+    scenarios = draw_many(one.family, one.seed, shard.n, drawn, about.problem)
+    splits = [split for split, _ in drawn]
+    content = encode(schema.scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))
+    return NewShard(shard.scenarios, content, derived=shard.solved)
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
@@ -59,7 +122,7 @@ def solve(
     """
     folder = open_folder(where)
     read_manifest(folder)  # before the lock, which would make a folder
-    begin = partial(_begin, folder, settings, requirements)
+    begin = partial(_begin_solving, folder, settings, requirements)
     with open_ledger(folder, OWNED, begin, progress) as ledger:
         complete(ledger, workers or Workers(), progress)
     return ledger.manifest
@@ -82,7 +145,7 @@ def complete(
         write_shards(ledger, _solved, wanted, workers, progress, load)
 
 
-def _begin(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
+def _begin_solving(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
     """The manifest with these settings, where the folder was begun with no others."""
     manifest, now = read_manifest(folder), recorded(settings, requirements)
     if manifest.solve:
@@ -99,7 +162,7 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
     def fits(table: pa.Table) -> bool:
         if not has_metadata(table, shard.metadata(name)):
             return False
-        return same_scenarios(table, decode(folder.read(shard.scenarios), shard.most))
+        return schema.same_scenarios(table, decode(folder.read(shard.scenarios), shard.most))
 
     if name in ledger.shards or not folder.exists(name):
         return ledger.is_sound(name)
@@ -110,9 +173,9 @@ def _solved(shard: Shard, content: bytes) -> NewShard:
     settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
     check_worker(shard.about.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
-    plans = _plans(scenarios_of(table), settings, requirements)
-    solved = encode(solved_table(table, plans, shard.metadata(shard.solved)))
-    timings = encode(timing_table(table, plans, digest_of(solved)))
+    plans = _plans(schema.scenarios_of(table), settings, requirements)
+    solved = encode(schema.solved_table(table, plans, shard.metadata(shard.solved)))
+    timings = encode(schema.timing_table(table, plans, digest_of(solved)))
     failed = sum(isinstance(plan, str) or plan.status != SOLVED for plan in plans)
     return NewShard(shard.solved, solved, timings, failed=failed)
 
