@@ -20,11 +20,11 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, pairs, side_by_side
+from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import ring_states
-from pipeline.orbit.separation import drift_separations
+from pipeline.orbit.separation import drift_separations, node_collisions
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 
@@ -158,9 +158,8 @@ def _states(asked: Sequence[_Asked], problem: Problem) -> list[Formation]:
 def _safe(asked: Sequence[_Asked], problem: Problem) -> Bool[Array, "N"]:
     """Whether pairs, or those of added craft, stay further apart than r_col in free drift."""
     states, radius = np.stack([one.rows for one in asked]), problem.collision_radius
-    i, j = pairs(states.shape[1])
     # Most unsafe draws are, from the start; the rest takes longer to see.
-    safe = (np.linalg.norm((states[:, i] - states[:, j])[..., :3], axis=-1) > radius).all(axis=1)
+    safe = node_collisions(states[:, :, None], radius) == 0
     left = np.flatnonzero(safe)
     if len(left):
         swarms = side_by_side((states.shape[1],) * len(left))
