@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
+from pipeline.expert.bases import Bases
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
@@ -128,6 +129,7 @@ class Search:
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
         self.back_off = np.zeros(0)  # what each cut asks for beyond radius and margin, m
+        self.bases = Bases(self.batch.optima.basis, 3 * self.problem.intervals)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
         # Controls as they were when pairs were last judged, and craft that were unsafe then.
@@ -217,6 +219,7 @@ class Search:
 
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
+        self.bases.grow(len(cuts))
         self.back_off = np.append(self.back_off, np.zeros(len(cuts) - len(self.back_off)))
         # The cluster of each craft.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
@@ -260,6 +263,7 @@ class Search:
             except UnsolvableError as error:
                 self._fail(craft, str(error))
                 continue
+            self.bases.keep(craft, cuts, best)
             self.iterate.controls[craft] = best.controls.reshape(len(craft), -1, 3)
             self.dual[cuts] = best.dual
             k = int(best.slack.argmax())
@@ -285,6 +289,7 @@ class Search:
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
             basis=None if basis is None else basis[craft],
+            last=self.bases.last(craft, cuts),
         )
         if batch.limits is None or batch.arrivals is None:
             return SOLVERS[self.settings.solver](sub)

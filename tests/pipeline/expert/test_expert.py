@@ -83,6 +83,38 @@ def test_pairs_of_craft_that_stay_need_no_judgement(monkeypatch, large):
         assert plan.certificate.optimality_gap < 0.02
 
 
+def test_programs_that_begin_with_the_last_basis_lead_to_plans_as_good(monkeypatch):
+    scenarios = [draw("rings", 9, 20, index, PROBLEM) for index in range(10)]
+    usual = solve_many(scenarios)
+    monkeypatch.setattr("pipeline.expert.bases.VAST", 2)
+    for plan, other in zip(solve_many(scenarios), usual, strict=True):
+        assert plan.status == SOLVED
+        assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+        assert plan.certificate.fuel == pytest.approx(other.certificate.fuel, rel=1e-3)
+
+
+def test_the_optimum_is_that_of_the_last_basis_too(monkeypatch):
+    """Each program of a search, begun with the last one's basis, against Clarabel's optimum."""
+    monkeypatch.setattr("pipeline.expert.bases.VAST", 2)
+    begun = []
+
+    def checked(sub):
+        best = by_simplex(sub)
+        assert sub.last is not None
+        begun.append(bool((~sub.last.row).any()))
+        other = SOLVERS["clarabel"](replace(sub, last=None))
+        cost, least = (
+            np.abs(one.controls).sum() + sub.penalty * one.slack.sum() for one in (best, other)
+        )
+        assert cost == pytest.approx(least, rel=1e-5)
+        return best
+
+    monkeypatch.setitem(SOLVERS, "simplex", checked)
+    for index in range(5):
+        assert solve(draw("rings", 10, 20, index, PROBLEM)).status == SOLVED
+    assert any(begun)  # with half-spaces that were tight before
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family_is_solved_safely(family):
     for n, index in ((10, 0), (10, 1), (20, 0)):
