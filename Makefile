@@ -141,6 +141,7 @@ bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside t
 	$(BIN)/python -m benchmarks.fallback --out reports/bench
 	$(BIN)/python -m benchmarks.as_flown --out reports/bench
 	$(BIN)/python -m benchmarks.yardstick
+	$(BIN)/python -m benchmarks.growth
 
 docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs
 	$(BIN)/typer cli.main utils docs --name prolearn --title Commands --output docs/commands.md

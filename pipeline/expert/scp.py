@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
+from pipeline.expert.bases import Bases
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
@@ -47,6 +48,9 @@ SEED_LOOK = 15.0  # pairs in a seed within this of the collision radius are cut 
 SHIFT = 1.5  # by how much further starts move the first gaps at random, in collision radii
 PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut that can be met
 MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
+
+STILL = 1e-10  # share of a typical control up to which a change of one moves no craft
+LARGE = 200  # craft of a cluster from which on only pairs of craft that moved are judged anew
 
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
@@ -125,8 +129,11 @@ class Search:
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
         self.back_off = np.zeros(0)  # what each cut asks for beyond radius and margin, m
+        self.bases = Bases(self.batch.optima.basis, 3 * self.problem.intervals)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
+        # Controls as they were when pairs were last judged, and craft that were unsafe then.
+        self.judged, self.unsafe = self.iterate.controls.copy(), self.active.copy()
         self.shift = self._first_shift(start)
         self.incumbents.update(self.iterate.controls, ~in_conflict)
 
@@ -212,6 +219,7 @@ class Search:
 
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
+        self.bases.grow(len(cuts))
         self.back_off = np.append(self.back_off, np.zeros(len(cuts) - len(self.back_off)))
         # The cluster of each craft.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
@@ -255,6 +263,7 @@ class Search:
             except UnsolvableError as error:
                 self._fail(craft, str(error))
                 continue
+            self.bases.keep(craft, cuts, best)
             self.iterate.controls[craft] = best.controls.reshape(len(craft), -1, 3)
             self.dual[cuts] = best.dual
             k = int(best.slack.argmax())
@@ -280,6 +289,7 @@ class Search:
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
             basis=None if basis is None else basis[craft],
+            last=self.bases.last(craft, cuts),
         )
         if batch.limits is None or batch.arrivals is None:
             return SOLVERS[self.settings.solver](sub)
@@ -311,13 +321,13 @@ class Search:
 
     def _judge(self, clusters: list[Cluster]) -> None:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
-        moved = np.zeros(len(self.swarm), dtype=bool)
-        moved[np.concatenate(clusters)] = True
+        moved = self._moved(clusters)
         within = self.problem.collision_radius + self.settings.look_ahead
         found, bound = self.asked.detection.conflicts(self.iterate, within, moved)
         broken = bound <= self.provable  # so that the certificate proves the rest safe
         unsafe = np.zeros(len(self.swarm), dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True
+        self.unsafe = unsafe
         promised = self._promised_gains()
         for craft in clusters:
             if self.active[craft].any() and not unsafe[craft].any():
@@ -328,6 +338,21 @@ class Search:
             self._set_cuts(self.cuts + found[again & (self.active[found.first] | broken)])
             self._raise_back_off(self.iterate)
             self._choose_reference(unsafe)
+
+    def _moved(self, clusters: list[Cluster]) -> Marked:
+        """Craft whose pairs are judged anew: of clusters that moved.
+
+        Of large clusters only craft that did since they were judged, and unsafe ones.
+        """
+        moved = np.zeros(len(self.swarm), dtype=bool)
+        moved[np.concatenate(clusters)] = True
+        for craft in clusters:
+            if len(craft) >= LARGE:
+                change = np.abs(self.iterate.controls[craft] - self.judged[craft]).max(axis=(1, 2))
+                stays = change <= STILL * self.batch.unit[self.swarm[craft[0]]]
+                moved[craft[stays & ~self.unsafe[craft]]] = False
+        self.judged[moved] = self.iterate.controls[moved]
+        return moved
 
     def _promised_gains(self) -> Float[Array, "n"]:
         """What linearizing about the newest iterate can gain in each cluster, to first order.

@@ -7,6 +7,7 @@ also solve what is not linear, and are the reference for the simplex method.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from threading import local
 from typing import Any
 
@@ -16,7 +17,7 @@ from jaxtyping import Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.conic import by_cones
-from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
+from pipeline.expert.subproblem import LENGTH, Basis, Optimum, Subproblem, UnsolvableError
 
 # Of HiGHS
 OPTIONS = {
@@ -47,16 +48,21 @@ def by_simplex(sub: Subproblem) -> Optimum:
         *(least, np.concatenate([wanted, np.full(k, np.inf)])),
         *(start, column, value, np.zeros(len(most), dtype=np.int32)),
     )
-    if sub.basis is not None:
+    if sub.last is not None:
+        solver.setBasis(_basis_of(sub.last))
+    elif sub.basis is not None:
         solver.setBasis(_basis(sub, sub.basis))
     solver.run()
     status = solver.getModelStatus()
+    if status != highspy.HighsModelStatus.kOptimal and sub.last is not None:
+        return by_simplex(replace(sub, last=None))  # whose basis is dual feasible for sure
     if status != highspy.HighsModelStatus.kOptimal:
         reason = solver.modelStatusToString(status)
         raise UnsolvableError(f"the simplex method stopped with {reason}")
     found = solver.getSolution()
     dual = np.array(found.row_dual[6 * len(sub.miss) :])
-    return sub.optimum(np.array(found.col_value), dual)
+    optimum = sub.optimum(np.array(found.col_value), dual)
+    return optimum if sub.last is None else replace(optimum, basis=_last(sub, solver.getBasis()))
 
 
 # Solvers by their name in ``Settings``
@@ -100,3 +106,25 @@ def _basis(sub: Subproblem, decoupled: Int[Array, "n 6"]) -> highspy.HighsBasis:
     basis.col_status, basis.row_status = columns, [_LOWER] * (6 * n) + [_BASIC] * k
     basis.valid = True
     return basis
+
+
+def _basis_of(last: Basis) -> highspy.HighsBasis:
+    """A basis that is known, for HiGHS."""
+    goals = [_LOWER] * (6 * len(last.controls))
+    columns = np.concatenate([last.controls.ravel(), last.slack]).tolist()
+    basis = highspy.HighsBasis()
+    basis.col_status = [_BASIC if basic else _LOWER for basic in columns]
+    basis.row_status = goals + [_BASIC if basic else _LOWER for basic in last.row.tolist()]
+    basis.valid = True
+    return basis
+
+
+def _last(sub: Subproblem, found: highspy.HighsBasis) -> Basis | None:
+    """The basis that HiGHS ended with; None where a goal's row is in it."""
+    n, m, _ = sub.shape
+    column, row = (
+        np.array([one == _BASIC for one in some]) for some in (found.col_status, found.row_status)
+    )
+    if row[: 6 * n].any():
+        return None
+    return Basis(column[: 2 * n * m].reshape(n, 2 * m), column[2 * n * m :], row[6 * n :])

@@ -38,12 +38,22 @@ class UnsolvableError(ProlearnError):
 
 
 @dataclass(frozen=True, eq=False)
+class Basis:
+    """A basis of the linear program in which no goal row is basic: what else is."""
+
+    controls: Bool[Array, "n both"]  # of each craft's positive and negative parts, 2m
+    slack: Bool[Array, "k"]  # of the half-spaces' slacks
+    row: Bool[Array, "k"]  # of the half-spaces' rows
+
+
+@dataclass(frozen=True, eq=False)
 class Optimum:
     """Solution of a subproblem."""
 
     controls: Float[Array, "n m"]  # flattened controls of each craft, m/s²
     slack: Values  # by how much each half-space is missed, m
     dual: Values  # what a metre more of each half-space would cost, m/s² per m
+    basis: Basis | None = None  # where it was asked for and is one
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +73,7 @@ class Subproblem:
     # basic variables of each craft's decoupled optimum, where they are known: the number of a
     # control, or m more where it acts in the negative direction
     basis: Int[Array, "n 6"] | None = None
+    last: Basis | None = None  # to begin with instead; then the optimum's is asked for, too
     # effect of the second craft's controls against the normal; None where it is ``row``, as it is
     # for two craft that fly their plans
     other: Float[Array, "k m"] | None = None

@@ -21,7 +21,14 @@ from pipeline.orbit.arrays import (
     Vector,
     Vectors,
 )
-from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm
+from pipeline.orbit.bezier import (
+    NO_LENGTH,
+    branch_and_bound,
+    chord_bound,
+    equal_parts,
+    hermite_bezier,
+    norm,
+)
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
@@ -31,8 +38,10 @@ MOST_PARTS = 64  # parts of an interval in one search; longer intervals are sear
 AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
 # Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
 FEW, MOST_PAIRS = 128, 300_000
-MANY = 300  # parts of motions from which those that are sure to be far are left out first
-CHORDS = 4  # of an interval, whose balls are put in trees: smaller ones have fewer near
+MANY = 300  # motions or parts from which those that are sure to be far are left out first
+TOGETHER = 20_000  # candidates that are searched at once, which bounds memory
+PAIRS_AT_ONCE = 100_000  # of those near in a tree that are compared at once, which bounds memory
+CHORDS = 4  # of an interval, whose middles are put in trees: shorter ones have fewer near
 
 if TYPE_CHECKING:
     from pipeline.orbit.corridors import Faces
@@ -249,13 +258,19 @@ def close_approaches(
     intervals = controls.shape[1]
     i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
     flown = np.concatenate([states[:, 1:], states[:, :-1], controls], axis=2).reshape(-1, 15)
-    relative = flown.take(i * intervals + k, 0) - flown.take(j * intervals + k, 0)
-    scale, beyond = swarms.asked(i, j)
-    motions = Motions(relative, reach.take(i) + beyond, k, np.zeros(len(k)), scale)
-    near, found = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
-    found = found.less(beyond, near)
-    first, second, interval = (each.take(near) for each in (i, j, k))
-    return Approaches(**vars(found), first=first, second=second, interval=interval)
+    found = []
+    for begin in range(0, max(len(k), 1), TOGETHER):
+        first, second, interval = (each[begin : begin + TOGETHER] for each in (i, j, k))
+        relative = flown.take(first * intervals + interval, 0)
+        relative -= flown.take(second * intervals + interval, 0)
+        scale, beyond = swarms.asked(first, second)
+        within_reach = reach.take(first) + beyond
+        motions = Motions(relative, within_reach, interval, np.zeros(len(interval)), scale)
+        near, part = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
+        part = part.less(beyond, near)
+        who = (each.take(near) for each in (first, second, interval))
+        found.append(Approaches(*vars(part).values(), *who))
+    return found[0] if len(found) == 1 else Approaches.concatenated(found)
 
 
 def closest_to_origin(
@@ -267,6 +282,9 @@ def closest_to_origin(
     remainder = h**4 / 384 * fourth
     curve = _scaled(hermite_bezier(motions.start, motions.end, h), motions.scale)
     near = (chord_bound(curve) - remainder <= motions.reach).nonzero()[0]
+    if len(near) > MANY:
+        pieces = chord_bound(equal_parts(curve.take(near, 0))).reshape(len(near), -1).min(axis=1)
+        near = near[pieces - remainder.take(near) <= motions.reach.take(near)]
     if len(near) == 0:
         return near, NOTHING
     motions, remainder = motions[near], remainder.take(near)
@@ -387,8 +405,8 @@ def _candidates(
     """All pairs and intervals whose balls are within a distance: few compared, many by trees."""
     dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
     if not swarms.few:
-        middle, radius = _chord_balls(states, controls, dynamics, h)
-        found = [_by_trees(middle[:, k], radius[:, k], reach, swarms, moved) for k in each]
+        chords = _chords(states, controls, dynamics, h)
+        found = [_by_trees(chords[:, k], reach, swarms, moved) for k in each]
         i, j = (np.concatenate(both) for both in zip(*found, strict=True))
         return i, j, each.repeat([len(first) for first, _ in found])
     middle, radius = balls(states[:, :-1], states[:, 1:, :3], controls, dynamics, h, each)
@@ -419,43 +437,66 @@ def balls(
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
-def _chord_balls(
-    states: States, controls: Controls, dynamics: Dynamics, h: float
-) -> tuple[Float[Array, "n intervals chords 3"], Float[Array, "n intervals chords"]]:
-    """The same balls about each of CHORDS equal parts of every interval."""
+@dataclass(frozen=True, eq=False)
+class _Chords(Rows):
+    """Chords of motions in equal parts of intervals; from each its motion is off by a sag."""
+
+    middle: Float[Array, "n *intervals chords 3"]  # m
+    half: Float[Array, "n *intervals chords 3"]  # from the middle to the end, m
+    sag: Float[Array, "n *intervals chords"]  # at most, at any time from where it is then, m
+
+
+def _chords(states: States, controls: Controls, dynamics: Dynamics, h: float) -> _Chords:
+    """The CHORDS chords of every interval: |p - chord| ≤ h²/8 max|p̈|."""
     each, times = np.arange(controls.shape[1]), h / CHORDS * np.arange(CHORDS + 1)
     A, B = (maps[..., :3, :] for maps in dynamics.step(times, each[:, None]))
     at = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
     sag = dynamics.most_acceleration(states[:, :-1], controls, h, each) * (h / CHORDS) ** 2 / 8
     begin, end = at[:, :, :-1], at[:, :, 1:]
-    return (begin + end) / 2, norm(end - begin) / 2 + sag[..., None]
+    return _Chords((begin + end) / 2, (end - begin) / 2, sag[..., None].repeat(CHORDS, axis=-1))
 
 
 def _by_trees(
-    middle: Float[Array, "n chords 3"],
-    radius: Float[Array, "n chords"],
+    chords: _Chords,
     reach: Float[Array, "n"],
     swarms: SwarmPartition,
     moved: Marked | None,
 ) -> tuple[Indices, Indices]:
-    """Pairs whose balls about any of an interval's chords are within a distance, by k-d trees.
+    """Pairs that may come within a distance in an interval, by k-d trees of its chords' middles.
 
-    Swarms are in far planes of a fourth dimension.
+    Swarms are in far planes of a fourth dimension. Most pairs whose balls are near fly side by
+    side, so what counts is the distance between the chords at the same time.
     """
     from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
 
-    pairs, n = [], len(middle)
+    pairs, n = [], len(reach)
+    # Of few that moved a tree of their own is searched by.
+    some = None if moved is None or 2 * moved.sum() > n else moved.nonzero()[0]
     for chord in range(CHORDS):
-        size, points = radius[:, chord], middle[:, chord]
+        middle, half, sag = (one[:, chord] for one in vars(chords).values())
+        size, points = norm(half) + sag, middle
         most = 2 * float(size.max()) + float(reach.max())
         if len(swarms.sizes) > 1:
             points = np.column_stack([points, 2 * most * swarms.label])
-        i, j = cKDTree(points).query_pairs(most, output_type="ndarray").T
-        if moved is not None:
-            touched = (moved.take(i) | moved.take(j)).nonzero()[0]
-            i, j = i.take(touched), j.take(touched)
-        at = middle[:, [chord]]
-        near = swarms.apart(at, at, i, j)[:, 0] <= size.take(i) + size.take(j) + reach.take(i)
-        pairs.append((n * i + j)[near])
-    i, j = np.divmod(np.unique(np.concatenate(pairs)), n)
+        tree = cKDTree(points)
+        if some is None:
+            i, j = tree.query_pairs(most, output_type="ndarray").T
+        else:
+            near = cKDTree(points.take(some, 0)).sparse_distance_matrix(
+                tree, most, output_type="ndarray"
+            )
+            one, other = some.take(near["i"]), near["j"]
+            i, j = np.minimum(one, other), np.maximum(one, other)
+        for few in range(0, len(i), PAIRS_AT_ONCE):
+            one, other = i[few : few + PAIRS_AT_ONCE], j[few : few + PAIRS_AT_ONCE]
+            if moved is not None:
+                touched = ((moved.take(one) | moved.take(other)) & (one != other)).nonzero()[0]
+                one, other = one.take(touched), other.take(touched)
+            gap = middle.take(one, 0) - middle.take(other, 0)
+            way = half.take(one, 0) - half.take(other, 0)
+            asked = sag.take(one) + sag.take(other) + reach.take(one)
+            s = np.clip(-np.vecdot(gap, way) / (np.vecdot(way, way) + NO_LENGTH), -1.0, 1.0)
+            pairs.append((n * one + other)[norm(gap + s[:, None] * way) <= asked])
+    found = np.sort(np.concatenate([*pairs, np.zeros(0, dtype=int)]))
+    i, j = np.divmod(found[np.diff(found, prepend=-1) > 0], n)  # np.unique takes ten times as long
     return i, j

@@ -44,6 +44,20 @@ for _point in range(4):
     PARTS[16 + 5 * _point : 20 + 4 * _point] = _bernstein(3 - _point).T
 
 
+def _equal_parts(count: int) -> Float[Array, "_ 4"]:
+    """Weights of a cubic's points in those of so many equal parts: its blossom at their ends."""
+    found = np.zeros((count, 4, 4))
+    for part, point in np.ndindex(count, 4):
+        weights = np.eye(4)
+        for at in [part + 1] * point + [part] * (3 - point):
+            weights = (1 - at / count) * weights[:-1] + at / count * weights[1:]
+        found[part, point] = weights[0]
+    return found.reshape(-1, 4)
+
+
+EQUAL_PARTS = _equal_parts(4)
+
+
 def norm(a: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
     """Length of vectors."""
     return np.sqrt(np.vecdot(a, a))
@@ -80,6 +94,11 @@ def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     leave, come = curve[:, 1] - begin, curve[:, 3] - curve[:, 2]
     bend = np.maximum(_square(3 * leave - chord), _square(3 * come - chord))
     return norm(begin + s * chord) - 0.25 * np.sqrt(bend)
+
+
+def equal_parts(curve: Float[Array, "s 4 3"]) -> Float[Array, "_ 4 3"]:
+    """The Bezier points of so many equal parts of each cubic, one after the other."""
+    return (EQUAL_PARTS @ curve).reshape(-1, 4, 3)
 
 
 def branch_and_bound(

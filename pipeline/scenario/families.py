@@ -18,11 +18,11 @@ from jaxtyping import Bool, Float
 
 from pipeline.arrays import Array
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, pairs, side_by_side
+from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import ring_states
-from pipeline.orbit.separation import drift_separations
+from pipeline.orbit.separation import drift_separations, node_collisions
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 
@@ -34,9 +34,7 @@ SPLITS = ("train", "valid", "test")  # their order seeds the draw
 SEEDS = 2**32  # bound of seeds, sizes and indices: each is one word of entropy
 DENSE = 1.02  # least separation of a dense formation in free drift, in collision radii
 CROWDED = 1.75  # largest half extent of a dense formation, in collision radii times √n
-BESIDE = (
-    15  # of the most pairs that fit in memory, the part that is compared at once: so fit caches
-)
+BESIDE = 15  # of the most pairs that fit in memory, the part compared at once: so that caches fit
 
 Ends = tuple[Formation, Formation]
 Elements = Float[Array, "_ 5"]
@@ -165,9 +163,8 @@ def _states(elements: Sequence[Elements], problem: Problem) -> Formations:
 def _safe(states: Formations, problem: Problem, added: Marked | None = None) -> Bool[Array, "b"]:
     """Whether pairs, or those of added craft, stay further apart than r_col in free drift."""
     n, radius = states.shape[1], problem.collision_radius
-    i, j = pairs(n)
     # Most unsafe draws are, from the start; the rest takes longer to see.
-    safe = (np.linalg.norm((states[:, i] - states[:, j])[..., :3], axis=-1) > radius).all(axis=1)
+    safe = node_collisions(states[:, :, None], radius) == 0
     left = np.flatnonzero(safe)
     if len(left):
         swarms = side_by_side((n,) * len(left))

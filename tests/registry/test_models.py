@@ -296,7 +296,7 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
 
 
 def named(data: Path, *references: str) -> list[tuple[str, int]]:
-    return [(net.name, net.version.version) for net in networks(references, data)]
+    return [(net.evaluated.label, net.version.version) for net in networks(references, data)]
 
 
 def test_trainings_with_other_seeds_stand_side_by_side(

@@ -6,6 +6,9 @@ import clarabel
 import numpy as np
 import pytest
 import readable
+from judge import Case
+from judge.separation import closest_approaches
+from scipy.spatial import cKDTree
 
 from pipeline.errors import InputError
 from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, solve, solve_many
@@ -23,6 +26,7 @@ from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, SOLVED, UNSOLVED, Requiremen
 from pipeline.planners.classical import Expert
 from pipeline.planners.network import Seeded
 from pipeline.scenario import FAMILIES, Scenario, draw
+from pipeline.scenario.document import document_of
 
 PROBLEM = Problem()
 
@@ -47,6 +51,68 @@ def test_plans_are_safe_at_all_times_and_meet_their_ends():
         assert plan.states[:, -1] == pytest.approx(scenario.goal, abs=1e-6)
         assert plan.certificate.dynamics_error < 1e-9
         assert 0 <= plan.certificate.optimality_gap < 0.02
+
+
+def test_a_thousand_craft_are_safe_by_the_judge():
+    """Who shares no code with the planner: each pair that is near at one of 121 times a step."""
+    plan = solve(draw("rings", 2022, 1000, 0, PROBLEM))
+    assert plan.status == SOLVED
+    assert plan.states[:, -1] == pytest.approx(plan.scenario.goal, abs=1e-6)
+    speed = 1.2 * np.linalg.norm(plan.states[..., 3:], axis=-1).max()  # within intervals, too
+    times, near = np.linspace(0, PROBLEM.time_step, 121), set()
+    A, B = cw_matrices(PROBLEM.mean_motion, times)
+    for k in range(PROBLEM.intervals):
+        for free, pushed in zip(A[:, :3], B[:, :3], strict=True):
+            there = plan.states[:, k] @ free.T + plan.controls[:, k] @ pushed.T
+            near |= cKDTree(there).query_pairs(PROBLEM.collision_radius + speed * times[1])
+    assert len(near) > 100
+    case = Case.of(document_of(plan.scenario))
+    for pair in map(list, near):
+        found = closest_approaches(case, plan.states[pair], plan.controls[pair])
+        assert found.low.min() > PROBLEM.collision_radius
+
+
+@pytest.mark.parametrize("large", [3, 200])
+def test_pairs_of_craft_that_stay_need_no_judgement(monkeypatch, large):
+    """Where clusters count as large from three craft on, plans are as safe and nearly the same."""
+    monkeypatch.setattr("pipeline.expert.scp.LARGE", large)
+    for index in range(10):
+        plan = solve(draw("rings", 8, 20, index, PROBLEM))
+        assert plan.status == SOLVED
+        assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+        assert plan.certificate.optimality_gap < 0.02
+
+
+def test_programs_that_begin_with_the_last_basis_lead_to_plans_as_good(monkeypatch):
+    scenarios = [draw("rings", 9, 20, index, PROBLEM) for index in range(10)]
+    usual = solve_many(scenarios)
+    monkeypatch.setattr("pipeline.expert.bases.VAST", 2)
+    for plan, other in zip(solve_many(scenarios), usual, strict=True):
+        assert plan.status == SOLVED
+        assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
+        assert plan.certificate.fuel == pytest.approx(other.certificate.fuel, rel=1e-3)
+
+
+def test_the_optimum_is_that_of_the_last_basis_too(monkeypatch):
+    """Each program of a search, begun with the last one's basis, against Clarabel's optimum."""
+    monkeypatch.setattr("pipeline.expert.bases.VAST", 2)
+    begun = []
+
+    def checked(sub):
+        best = by_simplex(sub)
+        assert sub.last is not None
+        begun.append(bool((~sub.last.row).any()))
+        other = SOLVERS["clarabel"](replace(sub, last=None))
+        cost, least = (
+            np.abs(one.controls).sum() + sub.penalty * one.slack.sum() for one in (best, other)
+        )
+        assert cost == pytest.approx(least, rel=1e-5)
+        return best
+
+    monkeypatch.setitem(SOLVERS, "simplex", checked)
+    for index in range(5):
+        assert solve(draw("rings", 10, 20, index, PROBLEM)).status == SOLVED
+    assert any(begun)  # with half-spaces that were tight before
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from judge import Case
 from judge.separation import closest_approaches
+from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 
 from pipeline.orbit.approaches import TOLERANCE, close_approaches, side_by_side
+from pipeline.orbit.bezier import equal_parts
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
@@ -118,22 +120,28 @@ def test_a_single_craft_has_no_separation():
     assert found.pair is None
 
 
+@pytest.mark.parametrize("share", [1.0, 0.7, 0.1])
 @pytest.mark.parametrize(("n", "spread", "speed"), [(60, 120.0, 0.3), (140, 200.0, 3.0)])
-def test_no_close_pair_of_a_large_swarm_is_overlooked(n, spread, speed):
-    """Of so few craft that all are compared, and of so many that trees find them."""
+def test_no_close_pair_of_a_large_swarm_is_overlooked(n, spread, speed, share):
+    """Of so few craft that all are compared, and of so many that trees find them.
+
+    All of them have moved, or most, or so few that these alone are looked for in the trees.
+    """
     problem, rng = Problem(nodes=4), np.random.default_rng(0)
     start = rng.normal(size=(n, 6)) * np.repeat([spread, speed], 3)
     controls = rng.normal(size=(n, 3, 3)) * 1e-3
-    states = fly(start, controls, problem)
-    found = close_approaches(states, controls, problem, within=40.0)
+    states, moved = fly(start, controls, problem), np.arange(n) % 10 < 10 * share
+    found = close_approaches(states, controls, problem, within=40.0, moved=moved)
     A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, 120))
     i, j = np.triu_indices(n, 1)
     ds, du = states[i, :-1] - states[j, :-1], controls[i] - controls[j]
     gap = np.einsum("qij,ptj->ptqi", A[:, :3], ds) + np.einsum("qij,ptj->ptqi", B[:, :3], du)
-    row, interval = np.nonzero(np.linalg.norm(gap, axis=-1).min(axis=-1) <= 40.0)
+    close = np.linalg.norm(gap, axis=-1).min(axis=-1) <= 40.0
+    row, interval = np.nonzero(close & (moved[i] | moved[j])[:, None])
     known = list(zip(found.first, found.second, found.interval, strict=True))
-    assert len(row) > 30
+    assert len(row) > 5
     assert set(known) >= set(zip(i[row], j[row], interval, strict=True))
+    assert (moved[found.first] | moved[found.second]).all()
     assert known == sorted(set(known), key=lambda one: (one[2], one[0], one[1]))
 
 
@@ -145,6 +153,33 @@ def test_pairs_of_which_neither_moved_are_left_out():
     moved = np.array([True, False, False])
     found = close_approaches(fly(start, controls, problem), controls, problem, 20.0, moved=moved)
     assert set(zip(found.first, found.second, strict=True)) == {(0, 1), (0, 2)}
+
+
+def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(monkeypatch):
+    """In a thousand craft on rings, of which some meet, and with parts that are left out early."""
+    scenario = draw("rings", 2022, 1000, 0, Problem())
+    problem = scenario.problem
+    controls = minimum_energy(scenario.initial, scenario.goal, problem)
+    states = fly(scenario.initial, controls, problem)
+    at_once = close_approaches(states, controls, problem, within=20.0)
+    monkeypatch.setattr("pipeline.orbit.approaches.TOGETHER", 100)
+    monkeypatch.setattr("pipeline.orbit.approaches.PAIRS_AT_ONCE", 1000)
+    monkeypatch.setattr("pipeline.orbit.approaches.MANY", 20)
+    parts = close_approaches(states, controls, problem, within=20.0)
+    assert len(at_once) > 100
+    for name in ("first", "second", "interval", "offset", "distance", "bound"):
+        assert np.array_equal(getattr(parts, name), getattr(at_once, name))
+
+
+def test_equal_parts_of_a_cubic_are_where_it_is():
+    curve = np.random.default_rng(0).normal(size=(5, 4, 3))
+    parts = equal_parts(curve).reshape(5, -1, 4, 3)
+    count = parts.shape[1]
+    for k in range(count):
+        for share in (0.0, 0.3, 1.0):
+            there = BPoly(curve.transpose(1, 0, 2)[:, None], [0, 1])((k + share) / count)
+            here = BPoly(parts[:, k].transpose(1, 0, 2)[:, None], [0, 1])(share)
+            assert here == pytest.approx(there, abs=1e-12)
 
 
 def test_no_bracket_is_wider_than_its_tolerance():

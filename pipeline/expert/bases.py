@@ -1,0 +1,51 @@
+"""Bases of the programs of large clusters, from one round to the next."""
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from pipeline.arrays import Array
+from pipeline.expert.subproblem import Basis, Optimum
+
+# Craft of a cluster from which on a program begins with the basis of the last one. In smaller ones
+# that saves nothing, since programs are linearized anew, and of several optima might find another.
+VAST = 1000
+
+
+class Bases:
+    """Basis of the last program of each large cluster; at first decoupled optima and no half-space.
+
+    Clusters only grow together, and bases side by side are one of the program of both.
+    """
+
+    def __init__(self, decoupled: Int[Array, "n 6"] | None, m: int) -> None:
+        self._decoupled, self._m = decoupled, m
+        self._controls: Bool[Array, "n both"] | None = None  # once a cluster is large
+        self._slack, self._row = np.zeros((2, 0), dtype=bool)
+
+    def grow(self, cuts: int) -> None:
+        """Have half-spaces of new cuts, which are met."""
+        more = np.zeros(cuts - len(self._row), dtype=bool)
+        self._slack, self._row = np.append(self._slack, more), np.append(self._row, ~more)
+
+    def last(self, craft: Int[Array, "_"], cuts: Int[Array, "_"]) -> Basis | None:
+        """That of a cluster; None where it is not large, or no basis is known."""
+        if self._decoupled is None or len(craft) < VAST:
+            return None
+        if self._controls is None:
+            self._controls = self._first(self._decoupled)
+        return Basis(self._controls[craft], self._slack[cuts], self._row[cuts])
+
+    def keep(self, craft: Int[Array, "_"], cuts: Int[Array, "_"], found: Optimum) -> None:
+        """Keep the basis of a large cluster's optimum, or begin anew where it has none."""
+        if self._decoupled is None or self._controls is None or len(craft) < VAST:
+            return
+        basis = found.basis
+        if basis is None:
+            none = np.zeros(len(cuts), dtype=bool)
+            basis = Basis(self._first(self._decoupled[craft]), none, ~none)
+        self._controls[craft], self._slack[cuts], self._row[cuts] = vars(basis).values()
+
+    def _first(self, decoupled: Int[Array, "_ 6"]) -> Bool[Array, "_ both"]:
+        basic = np.zeros((len(decoupled), 2 * self._m), dtype=bool)
+        np.put_along_axis(basic, decoupled, True, axis=1)
+        return basic
