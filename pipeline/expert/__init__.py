@@ -1,6 +1,6 @@
 """The expert: sequential convex programming (SCP) with half-space collision constraints."""
 
-from pipeline.expert.conflicts import BackOff, Trajectory, keeps_back_off
+from pipeline.expert.conflicts import BackOff, Trajectory, back_off_shortfall
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.expert.expert import solve, solve_many, within_risk
 from pipeline.expert.nominal import nominal_plans, with_back_off
@@ -15,8 +15,8 @@ __all__ = [
     "BackOff",
     "Settings",
     "Trajectory",
+    "back_off_shortfall",
     "decoupled_optima",
-    "keeps_back_off",
     "nominal_plans",
     "solve",
     "solve_many",

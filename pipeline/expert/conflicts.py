@@ -7,7 +7,7 @@ craft err (a chance constraint).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
 from pipeline.expert.cuts import (
@@ -18,7 +18,13 @@ from pipeline.expert.cuts import (
     passive_safety_cuts,
     spaced_cuts,
 )
-from pipeline.orbit.approaches import PROVABLE, SwarmPartition, close_approaches, side_by_side
+from pipeline.orbit.approaches import (
+    PROVABLE,
+    TOLERANCE,
+    SwarmPartition,
+    close_approaches,
+    side_by_side,
+)
 from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Dispersion, Uncertainty, deviation_along, dispersion
@@ -61,19 +67,26 @@ class BackOff:
         return dispersion(controls, problem, self.uncertainty, self.closed_loop)
 
 
-def keeps_back_off(
+def back_off_shortfall(
     flown: Trajectory,
     problem: Problem,
     requirements: Requirements,
     back_off: BackOff,
     swarms: SwarmPartition,
-) -> Bool[Array, "S"]:
-    """Whether all pairs of each swarm are beyond the collision radius and a back-off."""
-    detection = ConflictDetection(problem, requirements, swarms, back_off=back_off)
-    cuts, _ = detection.conflicts(flown, problem.collision_radius)
-    kept = np.ones(len(swarms.starts), dtype=bool)
-    kept[np.searchsorted(swarms.starts, cuts.first, side="right") - 1] = False
-    return kept
+) -> Float[Array, "S"]:
+    """How much nearer than the collision radius and a back-off any pair of each swarm comes, m.
+
+    0 where all are beyond.
+    """
+    detection, radius = (
+        ConflictDetection(problem, requirements, swarms, back_off=back_off),
+        problem.collision_radius,
+    )
+    cuts, bound = detection.conflicts(flown, radius)
+    short = np.zeros(len(swarms.starts))
+    swarm = np.searchsorted(swarms.starts, cuts.first, side="right") - 1
+    np.maximum.at(short, swarm, np.maximum(radius - bound, TOLERANCE))
+    return short
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,19 +10,26 @@ Two intervals before the end the goal determines all controls: six for six compo
 In the last one three are left, and the goal can only be met in part: the control is flown that
 leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orbit that the error becomes.
 
+Where the sizes of errors are known, estimates are filtered first, and in the last interval pairs
+are kept apart. With a margin, plans keep so many standard deviations of each pair's separation, or
+as much of that as they can; where burns may be missed, also r_col from whoever misses one, until
+that can be made up for.
+
 A craft that has lost its thrust is an obstacle to the others, which drifts on from its estimate.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from pipeline.arrays import Array
-from pipeline.expert import BackOff, Trajectory, keeps_back_off, with_back_off
-from pipeline.flight.errors import Loss
+from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
+from pipeline.flight.errors import Errors, Loss
+from pipeline.flight.estimation import Filter
+from pipeline.flight.last_interval import LastInterval
 from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, pairs, side_by_side
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import last_control
@@ -39,6 +46,10 @@ from pipeline.scenario import Scenario
 DETERMINED = 2  # intervals left in which the goal determines all controls; no planner is asked
 # Share of r_col to which separations asked for are rounded down, so that many trials share one
 GRAIN = 1 / 60
+# Intervals from the start of a burn that is missed until it can be made up for: it is known after
+# one, and in the first moments of the next no thruster moves a craft far
+REACTION = 1.25
+EVEN = 0.05  # margin in m by which plans count as equally wide
 LESS = (0.02, 0.1, 0.3)  # of r_col, by which less is asked for where no safe plan is found
 
 SomeControls = Float[Array, "K n left 3"]
@@ -63,8 +74,11 @@ class ClosedLoop:
         trials: int,
         back_off: BackOff | None = None,
         loss: Loss | None = None,
+        errors: Errors | None = None,
     ) -> None:
         """Begin with a plan's controls, m/s²; keep a back-off too where that is not too dear.
+
+        By the sizes of errors, where these are known, estimates are filtered.
 
         A loss of thrust is known at the next node, or as late as states are. After it no back-off
         is kept, which the expert does not know from obstacles, and no passive safety, which is for
@@ -77,6 +91,11 @@ class ClosedLoop:
             self._after = requiring(planner, replace(planner.requirements, passive_safety=None))
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
+        self._errors, self._filter = errors, None
+        if errors is not None:
+            expected = errors.gaussian(scenario.problem.time_step)
+            self._filter = Filter(scenario.problem, expected)
+        self._commanded: Float[Array, "K n 3"] | None = None
         self.unsafe = np.zeros(trials, dtype=int)
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
@@ -84,6 +103,8 @@ class ClosedLoop:
         """Controls, m/s², for the interval after a node, from the states estimated there."""
         problem = self._scenario.problem
         left = problem.intervals - node
+        if self._filter is not None:
+            estimate = self._filter(node, estimate, self._commanded)
         if node > 0:
             if self._loss is not None:
                 self._lost = self._loss.by(node - self._loss.latency)
@@ -93,7 +114,8 @@ class ClosedLoop:
             else:
                 rest = replace(problem.starting_at(node), nodes=left + 1)
                 self._replan(node, estimate, rest)
-        return self._ahead[:, :, 0]
+        self._commanded = self._ahead[:, :, 0]
+        return self._commanded
 
     def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
@@ -153,10 +175,14 @@ class ClosedLoop:
         whole = radius == self._scenario.problem.collision_radius
         if self._back_off is not None and intact and whole:
             safe = np.array([plan.status == SOLVED for plan in plans])
-            seeds, required = list(compress(plans, safe)), planner.requirements
-            further = with_back_off(seeds, self._back_off, required)
-            self._spent(node, which[safe], further)
-            choice.offer(which[safe], further, radius, self._back_off)
+            least = planner.requirements
+            for required in asked_with_margin(least, choice.problem, self._errors):
+                safe &= choice.open[which]
+                seeds = list(compress(plans, safe))
+                further = with_back_off(seeds, self._back_off, required)
+                self._spent(node, which[safe], further)
+                asked = Margin(self._back_off, required, required == least)
+                choice.offer(which[safe], further, radius, asked)
         left = choice.open[which]
         choice.offer(which[left], list(compress(plans, left)), radius)
 
@@ -174,7 +200,10 @@ class ClosedLoop:
         miss = self._scenario.goal - np.matvec(A, estimate)
         required = self._planner.requirements
         planned = Choice(problem, estimate, self._ahead, required, self._lost)
-        nearest = np.matvec(last_control(whole), miss)[:, :, None]
+        nearest = np.matvec(last_control(whole), miss)
+        if self._filter is not None and not required.at_nodes:
+            nearest = self._last_interval(estimate, problem).kept_apart(nearest)
+        nearest = nearest[:, :, None]
         homing = Choice(problem, estimate, nearest, required, self._lost)
         # Where both are unsafe, the one that keeps craft further apart
         homes = homing.separation > problem.collision_radius
@@ -182,6 +211,34 @@ class ClosedLoop:
         self._ahead = np.where(homes[:, None, None, None], homing.controls, planned.controls)
         flown = np.where(homes, homing.separation, planned.separation)
         self.unsafe += flown <= problem.collision_radius
+
+    def _last_interval(self, estimate: Float[Array, "K n 6"], problem: Problem) -> LastInterval:
+        assert self._filter is not None
+        return LastInterval(
+            problem=problem,
+            estimate=estimate,
+            covariance=self._filter.covariance.reshape(*estimate.shape, 6),
+            goal=self._scenario.goal,
+            uncertainty=self._filter.errors,
+            sigmas=0.0 if self._back_off is None else self._back_off.sigmas,
+            adrift=self._lost[:, None] == np.arange(estimate.shape[1]),
+        )
+
+
+def asked_with_margin(
+    requirements: Requirements, problem: Problem, errors: Errors | None
+) -> list[Requirements]:
+    """What is asked for with a margin, in turn, each where there is no plan with the one before.
+
+    Where burns may be missed it is first also passive safety until a missed one is made up for;
+    not where craft may meet between nodes.
+    """
+    if errors is None or errors.missed == 0 or requirements.at_nodes:
+        return [requirements]
+    orbits = REACTION * problem.time_step * problem.mean_motion / (2 * np.pi)
+    if (requirements.passive_safety or 0.0) >= orbits:
+        return [requirements]
+    return [replace(requirements, passive_safety=orbits), requirements]
 
 
 def without(scenario: Scenario, craft: int) -> Scenario:
@@ -214,6 +271,15 @@ def apart_at(states: Float[Array, "K n 6"]) -> EachTrial:
     """Least distance of any pair, m; infinite without a pair."""
     i, j = pairs(states.shape[1])
     return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What plans are to keep beyond the collision radius."""
+
+    back_off: BackOff  # standard deviations of each separation
+    requirements: Requirements  # what else
+    partly: bool  # whether as much of it as can be had is enough
 
 
 class Choice:
@@ -256,14 +322,15 @@ class Choice:
         which: Int[Array, "k"],
         plans: Sequence[Plan],
         radius: float,
-        back_off: BackOff | None = None,
+        margin: Margin | None = None,
     ) -> None:
         """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
 
         Where neither is, the one remains that keeps craft further apart; but one that misses the
         goal does not replace one that meets it. Plans are for ``which`` trials, all open, and were
-        asked for separation by a radius, m; with a back-off only those are safe that keep it, too,
-        and do not cost too much, as where all craft must turn round for it.
+        asked for separation by a radius, m. With a margin, a trial is closed where a plan keeps all
+        of it or, where that is enough, by the plan that lacks less; new ones must not cost too
+        much, as where all craft must turn round for it.
         """
         if not plans:
             return
@@ -277,12 +344,18 @@ class Choice:
         safe = to_goal & (separation > radius)
         kept = self._to_goal[which] & (self.separation[which] > radius)
         further = (separation > self.separation[which]) & (to_goal | ~self._to_goal[which])
-        if back_off is not None:
-            worth = _fuel(controls) <= self._most[which]
-            safe &= worth & self._keeps(back_off, which, controls)
-            kept &= self._keeps(back_off, which, self.controls[which])
-            further[:] = False  # which is for the plan without a back-off
         cheaper = _fuel(controls) < _fuel(self.controls[which])
+        if margin is not None:
+            safe &= _fuel(controls) <= self._most[which]
+            short = self._shortfall(margin, which, controls)
+            before = self._shortfall(margin, which, self.controls[which])
+            alike = np.abs(short - before) <= EVEN
+            cheaper = np.where(alike, cheaper, short < before)
+            if margin.partly:  # the one under way only beside another
+                kept &= safe | (before == 0)
+            else:
+                safe, kept = safe & (short == 0), kept & (before == 0)
+            further[:] = False  # which is for the plan without a margin
         better = np.where(safe & kept, cheaper, np.where(safe | kept, safe, further))
         taken = which[better]
         self.controls[taken], self.separation[taken] = controls[better], separation[better]
@@ -297,12 +370,13 @@ class Choice:
         limit = self.problem.max_acceleration
         return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
 
-    def _keeps(
-        self, back_off: BackOff, which: Int[Array, "k"], controls: SomeControls
-    ) -> Bool[Array, "k"]:
-        """Whether trials keep a back-off besides, on some controls."""
+    def _shortfall(
+        self, margin: Margin, which: Int[Array, "k"], controls: SomeControls
+    ) -> Float[Array, "k"]:
+        """How much of a margin trials lack at most on some controls, m."""
         flown, swarms = self._flown(which, controls)
-        return keeps_back_off(flown, self.problem, self._requirements, back_off, swarms)
+        asked = self.problem, margin.requirements, margin.back_off
+        return back_off_shortfall(flown, *asked, swarms)
 
     def _flown(
         self, which: Int[Array, "k"] | slice, controls: SomeControls

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError, check_range
-from pipeline.expert import BackOff, with_back_off
-from pipeline.flight.closed_loop import ClosedLoop, without
+from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
+from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import World
-from pipeline.orbit.approaches import MOST_PAIRS
+from pipeline.orbit.approaches import MOST_PAIRS, side_by_side
 from pipeline.orbit.arrays import Controls, States
 from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.planners.planner import Planner
@@ -55,6 +55,7 @@ class Loop:
             closed = ClosedLoop(
                 *(scenario, self.controls, self.planner, len(trials), self.back_off),
                 loss=lost_thrust(drawn, errors, scenario.problem),
+                errors=errors,
             )
             flown = fly_trials(scenario, world, closed, drawn, errors)
             unsafe, seconds = closed.unsafe, closed.seconds
@@ -99,7 +100,7 @@ def flight_loops(
     yield Loop(REPLANNED, plan.controls, planner=planner)
     expected = errors.gaussian(scenario.problem.time_step)
     back_off = BackOff(expected, sigmas, closed_loop=True)
-    wider = _keeping(plan, back_off, planner.requirements)
+    wider = _keeping(plan, back_off, planner.requirements, errors)
     yield Loop(MARGIN, wider, planner=planner, back_off=back_off)
 
 
@@ -161,11 +162,17 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
     )
 
 
-def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements) -> Controls:
+def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements, errors: Errors) -> Controls:
     """Controls that keep a back-off from the first node on, m/s²; else those of the plan.
 
-    Also where they would cost too much.
+    Also where they would cost too much. Where it cannot be kept whole, as much as can be had.
     """
-    (wider,) = with_back_off([plan], back_off, requirements)
-    dear = wider.certificate.fuel > DEAR * plan.certificate.fuel
-    return plan.controls if dear or wider.status != SOLVED else wider.controls
+    problem, alone = plan.scenario.problem, side_by_side((plan.scenario.n,))
+    for required in asked_with_margin(requirements, problem, errors):
+        (wider,) = with_back_off([plan], back_off, required)
+        dear = wider.certificate.fuel > DEAR * plan.certificate.fuel
+        flown = Trajectory(wider.controls, wider.states)
+        short = back_off_shortfall(flown, problem, required, back_off, alone)[0]
+        if wider.status == SOLVED and not dear and (short == 0 or required == requirements):
+            return wider.controls
+    return plan.controls

@@ -60,7 +60,9 @@ class LinearWorld:
         pieces = pieces_of(self.dynamics.fastest * h)
         share = (np.arange(pieces)[:, None] + (1 + NODES) / 2) / pieces
         A, B = self.dynamics.step(h * share, interval, begin)
-        return np.matvec(A, states[:, None, None]) + np.matvec(B, controls[:, None, None])
+        # The points of a craft are one product, of the same size however many craft there are.
+        flown = np.matvec(A.reshape(-1, 6), states) + np.matvec(B.reshape(-1, 3), controls)
+        return flown.reshape(len(states), *A.shape[:-1])
 
 
 @dataclass(frozen=True)

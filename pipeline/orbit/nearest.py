@@ -127,14 +127,44 @@ def _candidates(
     h, craft = 2 * half / CUBICS, []
     for states, end in zip(motions, ends, strict=True):
         deviation = h**2 / 8 * norm(most_derivative(states[..., 3:], 1, half))
-        craft.append((norm(np.diff(end[..., :3], axis=3)) + 2 * deviation[..., None], end[..., :3]))
-    (path, position), (other_path, other_position) = craft[0], craft[-1]
-    i, j = both
-    gap, (scale, off) = position[:, i] - other_position[:, j], sizes
+        craft.append((end[..., :3], deviation))
+    (position, deviation), (other_position, other_deviation) = craft[0], craft[-1]
+    within, trial, pair, piece = _near(*craft[0], *craft[-1], both, sizes)
+    (i, j), (scale, off) = (one[pair] for one in both), sizes
+    here, there = position[trial, i, piece], other_position[trial, j, piece]
+    gap = here - there
     if scale is not None:
-        gap *= scale[:, None, None]
-    apart = norm(gap) - off[:, None, None]
-    within: Float[Array, trials] = apart.min(axis=(1, 2, 3))
-    least = (apart[..., :-1] + apart[..., 1:] - path[:, i] - other_path[:, j]) / 2
-    trial, pair, piece, cubic = np.nonzero(least <= within[:, None, None, None])
-    return within, trial, pair, piece, cubic
+        gap *= scale[pair, None]
+    apart = norm(gap) - off[pair, None]
+    np.minimum.at(within, trial, apart.min(axis=1))
+    path = norm(np.diff(here, axis=1)) + 2 * deviation[trial, i, piece][:, None]
+    path += norm(np.diff(there, axis=1)) + 2 * other_deviation[trial, j, piece][:, None]
+    least = (apart[:, :-1] + apart[:, 1:] - path) / 2
+    which, cubic = np.nonzero(least <= within[trial, None])
+    return within, trial[which], pair[which], piece[which], cubic
+
+
+def _near(
+    position: Float[Array, "trials _ pieces ends 3"],
+    deviation: Float[Array, "trials _ pieces"],
+    other_position: Float[Array, "trials _ pieces ends 3"],
+    other_deviation: Float[Array, "trials _ pieces"],
+    both: Pairs,
+    sizes: tuple[Float[Array, "p 3"] | None, Float[Array, "p"]],
+) -> tuple[Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
+    """Each trial's least separation at ends of pieces; trial, pair and piece that may pass it.
+
+    A pair's chord over a piece from one relative position to another is never nearer than half of
+    what both distances have beyond its length, and the pair as near to it as both deviate over
+    the piece, which is by the square of its length more than over a cubic.
+    """
+    (i, j), (scale, off) = both, sizes
+    begin, end = (position[..., k, :][:, i] - other_position[..., k, :][:, j] for k in (0, -1))
+    if scale is not None:
+        begin, end = begin * scale[:, None], end * scale[:, None]
+    first, last = norm(begin), norm(end)
+    away = CUBICS**2 * (deviation[:, i] + other_deviation[:, j]) + off[:, None]
+    within: Float[Array, trials] = (np.minimum(first, last) - off[:, None]).min(axis=(1, 2))
+    least = (first + last - norm(end - begin)) / 2 - away
+    trial, pair, piece = np.nonzero(least <= within[:, None, None] + TOLERANCE)
+    return within, trial, pair, piece

@@ -1,10 +1,12 @@
 """Plans of an asked risk: the claim holds in trials that share no code with it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from judge import Case
+from scipy.stats import ncx2
 from trials import Errors, corrected, frequency, frequency_corrected, wilson
 
 from pipeline.errors import InputError
@@ -195,3 +197,38 @@ def test_what_corrections_do_not_know_is_refused():
     pointed = replace(scenario, problem=replace(PROBLEM, thrust=Thrust("norm")))
     with pytest.raises(InputError, match="leave --closed-loop out"):
         solve(pointed, requirements=closed(1e-3))
+
+
+@pytest.mark.parametrize(("index", "end"), [(15, "start"), (74, "goal")])
+def test_ends_whose_errors_of_navigation_alone_are_too_risky_are_said_to_be(index, end):
+    """Whatever is planned: at the start by the distribution itself, at the goal in trials.
+
+    Of craft that are at a point with independent normal errors the squared distance is noncentral
+    chi-square.
+    """
+    scenario = draw("rings", 0, 30, index, PROBLEM, "valid")
+    required = Requirements(risk=RiskLimit(1e-3, *USUAL, closed_loop=True))
+    plan = solve(scenario, requirements=required)
+    at = scenario.initial if end == "start" else scenario.goal
+    i, j = np.triu_indices(30, 1)
+    apart = np.linalg.norm(at[i, :3] - at[j, :3], axis=1)
+    pair = [int(i[apart.argmin()]), int(j[apart.argmin()])]
+    if end == "start":
+        scale = 2 * USUAL[0] ** 2
+        lower = float(ncx2.cdf(15**2 / scale, 3, apart.min() ** 2 / scale))
+    else:
+        told = Errors(USUAL[0], USUAL[0] * PROBLEM.mean_motion, 0.0)
+        nodes, _, _ = corrected(CASE, plan.states[pair], plan.controls[pair], told, TRIALS, 0)
+        near = np.linalg.norm(nodes[:, 0, -1, :3] - nodes[:, 1, -1, :3], axis=1) < 15
+        lower, _ = wilson(int(near.sum()), TRIALS)
+    assert lower > 1e-3
+    assert plan.status == UNSOLVED
+    said = re.search(
+        r"the ends alone have ([\d.e-]+): craft (\d+) and (\d+) are (\S+) m", plan.message
+    )
+    assert float(said[1]) >= lower
+    named = [int(said[2]), int(said[3])]
+    assert np.linalg.norm(at[named[0], :3] - at[named[1], :3]) == pytest.approx(
+        apart.min(), rel=0.01
+    )
+    assert plan.message.endswith(f"m apart at the {end}")
