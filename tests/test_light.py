@@ -71,12 +71,20 @@ def link(found, packages):
                 os.link(path, place)
 
 
+@pytest.fixture(scope="module")
+def rings(light):
+    """A scenario that it made."""
+    made = run(light / "venv/bin/prolearn", "scenario", "new", "s.json", *RINGS, folder=light)
+    assert made.returncode == 0, made.stderr
+    return light / "s.json"
+
+
 @pytest.fixture
-def prolearn(light, tmp_path):
+def prolearn(light, rings, tmp_path):
     def command(*arguments):
         return run(light / "venv/bin/prolearn", *arguments, folder=tmp_path)
 
-    assert command("scenario", "new", "s.json", *RINGS).returncode == 0
+    shutil.copy(rings, tmp_path)
     return command
 
 

@@ -128,7 +128,9 @@ def _facets(
     corner = corner[np.linalg.cond(points[corner]) < FLAT]
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
     dual = inverse.sum(axis=2)  # solves corners · y = 1
-    dual /= np.maximum(np.abs(dual @ points.T).max(axis=1, keepdims=True), 1.0)
+    reached = dual @ points.T
+    np.abs(reached, out=reached)  # of a thousand nodes it has hundreds of MB
+    dual /= np.maximum(reached.max(axis=1, keepdims=True), 1.0)
     weights = inverse.transpose(0, 2, 1) * scale
     sign = np.where(corner < len(used), 1.0, -1.0)
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)

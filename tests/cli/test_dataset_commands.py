@@ -1,21 +1,20 @@
 """sample, solve, dataset and verify as a person runs them, interruptions included."""
 
 import os
+import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from clusters import kill
 from contents import content
+from forked import LEAD
 from processes import workers_of
 from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.parallel.workers import Workers
-
-PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
 
 DASK = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"]
 
@@ -113,29 +112,52 @@ def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
     assert "cannot be written to" in complaint
 
 
-@pytest.fixture
-def long_work(tmp_path):
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
     """A folder with a few seconds of work, in small shards."""
     from pipeline.dataset.making import sample
     from pipeline.dataset.samples import Sample
     from pipeline.orbit.problem import Problem
 
-    folder = tmp_path / "long"
+    folder = tmp_path_factory.mktemp("drawn") / "long"
     sample(folder, {6: Sample(count=240, shard_rows=2)}, Problem(), workers=Workers(1))
     return folder
 
 
-def begun(folder, *options):
-    """A solve that has finished some shards."""
-    command = [*PROGRAM, "solve", str(folder), *options]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    end = time.monotonic() + 40
-    while len(list(folder.glob("n=6/*.parquet"))) < 4 and time.monotonic() < end:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.005)
-    return process
+@pytest.fixture
+def long_work(drawn, tmp_path):
+    """A copy of that."""
+    return Path(shutil.copytree(drawn, tmp_path / "long"))
+
+
+@pytest.fixture
+def start(forked, long_work, tmp_path):
+    """Start solving that, leading a group of processes; ends with the test."""
+    started = []
+
+    def command(*options):
+        with (tmp_path / "said").open("w") as said:
+            process = forked.start(LEAD, tmp_path, said, ["solve", str(long_work), *options])
+        started.append(process)
+        return process
+
+    yield command
+    for process in started:
+        kill(process)
+
+
+@pytest.fixture
+def begun(start, long_work, tmp_path):
+    """Start solving that and wait until some shards are finished."""
+
+    def command(*options):
+        process, end = start(*options), time.monotonic() + 40
+        while len(list(long_work.glob("n=6/*.parquet"))) < 4 and time.monotonic() < end:
+            assert process.runs(), (tmp_path / "said").read_text()
+            time.sleep(0.005)
+        return process
+
+    return command
 
 
 def alive(group):
@@ -157,15 +179,16 @@ def alive(group):
     ids=["ctrl-c", "sigterm"],
 )
 def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
-    long_work, to_all, jobs, number, status, word
+    begun, long_work, tmp_path, to_all, jobs, number, status, word
 ):
-    process = begun(long_work, "--jobs", jobs)
+    process = begun("--jobs", jobs)
     (os.killpg if to_all else os.kill)(process.pid, number)
     done = len(list(long_work.glob("n=6/*.parquet")))
-    _, complaints = process.communicate(timeout=60)
+    ended = process.wait()
     # Counted in work, not in seconds, of which a busy machine takes any number.
     assert len(list(long_work.glob("n=6/*.parquet"))) < done + 20
-    assert process.returncode == status
+    complaints = (tmp_path / "said").read_text()
+    assert ended == status
     assert complaints.splitlines()[-1] == f"prolearn: {word}; what was finished is kept."
     assert "Traceback" not in complaints
     from pipeline.dataset.verifying import verify
@@ -182,41 +205,34 @@ def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
 @pytest.mark.system
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
 @pytest.mark.parametrize("wait", [0.2, 0.5])  # s: they are importing
-def test_ctrl_c_while_workers_are_starting_shows_no_traceback(long_work, wait):
-    command = [*PROGRAM, "solve", str(long_work), "--jobs", "2"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+def test_ctrl_c_while_workers_are_starting_shows_no_traceback(start, tmp_path, wait):
+    process = start("--jobs", "2")
     end = time.monotonic() + 40
     while len(workers_of(process.pid)) < 2 and time.monotonic() < end:
         time.sleep(0.005)
     time.sleep(wait)
     os.killpg(process.pid, signal.SIGINT)
-    _, complaints = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.wait() == 130
+    complaints = (tmp_path / "said").read_text()
     assert complaints.splitlines()[-1] == "prolearn: interrupted; what was finished is kept."
     assert "Traceback" not in complaints
 
 
 @pytest.mark.system
-def test_after_kill_9_of_the_main_process_its_workers_end_and_the_next_run_completes(long_work):
-    process = begun(long_work, "--jobs", "2")
+def test_after_kill_9_of_the_main_process_its_workers_end_and_the_next_run_completes(
+    begun, long_work, forked, tmp_path
+):
+    process = begun("--jobs", "2")
     kept = content(long_work)
     process.kill()
-    process.communicate(timeout=60)
+    assert process.wait() == -signal.SIGKILL
     end = time.monotonic() + 60
     while alive(process.pid) and time.monotonic() < end:
         time.sleep(0.02)
     assert not alive(process.pid)
     done = len(list(long_work.glob("n=6/*.parquet")))
     assert 4 <= done < 120
-    status = subprocess.run(
-        [*PROGRAM, "solve", str(long_work), "--jobs", "1"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    status = forked.run(["solve", str(long_work), "--jobs", "1"], tmp_path)
     assert status.returncode == 0, status.stderr
     assert f"({240 - 2 * done} now" in status.stdout
     after = content(long_work)
@@ -224,12 +240,8 @@ def test_after_kill_9_of_the_main_process_its_workers_end_and_the_next_run_compl
     assert shards.items() <= after.items()
 
 
-def test_a_second_run_names_the_first_and_stops(long_work):
-    process = begun(long_work, "--jobs", "1")
-    try:
-        status, _, complaint = run("solve", long_work, "--jobs", 1)
-        assert status == 2
-        assert f"is being written by process {process.pid} on " in complaint
-    finally:
-        process.kill()
-        process.communicate()
+def test_a_second_run_names_the_first_and_stops(begun, long_work):
+    process = begun("--jobs", "1")
+    status, _, complaint = run("solve", long_work, "--jobs", 1)
+    assert status == 2
+    assert f"is being written by process {process.pid} on " in complaint

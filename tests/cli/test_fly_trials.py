@@ -1,10 +1,7 @@
 """prolearn fly --trials: a plan flown many times with errors, as a person meets it."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 
@@ -12,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.dataset
 import pytest
+from forked import LEAD
 from scipy.stats import binom
 
 from pipeline.expert import solve, within_risk
@@ -27,11 +25,15 @@ TRIALS = ("--trials", "60", "--jobs", "1")
 LOOPS = ["open loop", "replanned", "with margin"]
 
 
-@pytest.fixture
-def plan(tmp_path):
+@pytest.fixture(scope="module")
+def made():
     """A plan with a pair at the collision radius."""
-    scenario = draw("rings", 0, 6, 5, Problem(nodes=7, collision_radius=25.0), "test")
-    made = solve(scenario)
+    return solve(draw("rings", 0, 6, 5, Problem(nodes=7, collision_radius=25.0), "test"))
+
+
+@pytest.fixture
+def plan(made, tmp_path):
+    """That, in a file."""
     write_plan(tmp_path / "plan.json", made)
     return made
 
@@ -116,16 +118,16 @@ def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(prolearn, plan, 
 
 
 @pytest.mark.system
-def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, tmp_path):
-    asked = ["fly", "plan.json", "--trials", "100", "--replan", "every-node"]
+def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, forked, tmp_path):
+    asked = ["fly", "plan.json", "--trials", "55", "--replan", "every-node"]
     assert prolearn(*asked, "--out", "whole", "--jobs", "1").returncode == 0
-    program = [sys.executable, "-c", "from cli.main import app; app()"]
-    run = subprocess.Popen([*program, *asked, "--out", "killed"], cwd=tmp_path, env=os.environ)
+    with (tmp_path / "said").open("w") as said:
+        run = forked.start(LEAD, tmp_path, said, [*asked, "--out", "killed", "--jobs", "1"])
     killed = tmp_path / "killed"
     end = time.monotonic() + 60
     while not list(killed.glob("loop=*/part-*.parquet")) and time.monotonic() < end:
         time.sleep(0.005)
-    run.send_signal(signal.SIGKILL)
+    run.kill()
     assert run.wait() == -signal.SIGKILL
     done = prolearn(*asked, "--out", "killed", "--jobs", "2")
     assert done.returncode == 0, done.stderr

@@ -1,9 +1,6 @@
 """Help: every command has examples that can be given as they stand."""
 
-import os
 import shlex
-import subprocess
-import sys
 
 import pytest
 from typer.main import get_command
@@ -42,14 +39,9 @@ def test_every_command_has_an_example_that_parses(path):
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "prolearn")
-def test_on_80_columns_every_example_is_a_line_of_its_own(path):
-    done = subprocess.run(
-        [sys.executable, "-c", "from cli.main import app; app()", *path, "--help"],
-        env=os.environ | {"COLUMNS": "80"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+def test_on_80_columns_every_example_is_a_line_of_its_own(path, prolearn):
+    done = prolearn(*path, "--help")
+    assert done.returncode == 0
     shown = [line.strip() for line in done.stdout.splitlines()]
     assert max(map(len, done.stdout.splitlines())) <= 80
     for line in examples(COMMANDS[path]):

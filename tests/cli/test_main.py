@@ -3,6 +3,7 @@
 import os
 import platform
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -37,7 +38,7 @@ def test_usage_that_is_wrong_is_status_2(prolearn):
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="asks bash")
-def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(tmp_path):
+def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(forked, tmp_path):
     program = tmp_path / "bin/prolearn"
     program.parent.mkdir()
     program.write_text(
@@ -66,6 +67,7 @@ def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(tm
         ).split()
 
     bash("prolearn --install-completion")
+    program.write_text(f'#!/bin/sh\nexec {shlex.join(forked.command)} "$@"\n')
     assert completed("prolearn", "tra") == ["tradeoff", "train", "transfer-times"]
     assert completed("prolearn", "dataset", "c") == ["card"]
     assert completed("prolearn", "dataset", "--preset", "") == ["demo", "paper"]

@@ -6,7 +6,6 @@ import os
 import pty
 import re
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -331,13 +330,13 @@ def test_passive_safety_that_cannot_be_is_refused(prolearn, tmp_path, options, w
     assert not (tmp_path / "p.json").exists()
 
 
-def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(tmp_path):
+def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(forked, tmp_path):
     names = [f"a-scenario-of-a-long-name-{k:06d}" for k in range(30)]
     for k, name in enumerate(names):
         write_scenario(tmp_path / f"{name}.json", draw("rings", 0, 3, k, Problem()))
     files = [f"{name}.json" for name in names]
     asked = ("plan", *files, "--planner", "minimum-energy", "--out", "plans")
-    screen = on_a_terminal(asked, tmp_path)
+    screen = on_a_terminal(forked, asked, tmp_path)
     lines = [line.rstrip() for line in screen.splitlines() if "minimum energy" in line]
     rows = [line for line in lines if not line.startswith("a-scenario")]
     assert len(rows) == 30
@@ -355,11 +354,11 @@ def test_on_a_terminal_of_80_columns_thirty_rows_keep_every_number(tmp_path):
         assert float(shown[5]) == pytest.approx(plan["min_separation"], abs=6e-3)
 
 
-def on_a_terminal(arguments, folder):
+def on_a_terminal(forked, arguments, folder):
     """What a terminal of 80 columns shows on standard output, without colours."""
     screen, theirs = pty.openpty()
     done = subprocess.Popen(
-        [sys.executable, "-c", "from cli.main import app; app()", *arguments],
+        [*forked.command, *arguments],
         cwd=folder,
         stdout=theirs,
         stderr=subprocess.DEVNULL,

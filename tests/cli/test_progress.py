@@ -5,7 +5,6 @@ import pty
 import re
 import shutil
 import subprocess
-import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -134,12 +133,11 @@ def first_cells(table):
     return [line.split()[0] for line in lines[2:-1]]
 
 
-def test_with_a_bar_on_the_terminal_the_table_still_goes_where_it_is_sent(scenarios):
+def test_with_a_bar_on_the_terminal_the_table_still_goes_where_it_is_sent(scenarios, forked):
     screen, theirs = pty.openpty()
     try:
-        program = [sys.executable, "-c", "from cli.main import app; app()"]
         done = subprocess.run(
-            [*program, "plan", *scenarios, "--out", "plans"],
+            [*forked.command, "plan", *scenarios, "--out", "plans"],
             stdout=subprocess.PIPE,
             stderr=theirs,
             env=os.environ | {"COLUMNS": "80", "TERM": "xterm"},

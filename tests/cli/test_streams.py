@@ -3,12 +3,10 @@
 import json
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
-
-PROGRAM = [sys.executable, "-c", "from cli.main import app; app()"]
+from forked import LEAD
 
 
 def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
@@ -48,18 +46,17 @@ def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn,
 
 
 @pytest.mark.system
-def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, tmp_path):
+def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, forked, tmp_path):
     prolearn("scenario", "new", "short.json", "--n", "2")
     prolearn("scenario", "new", "long.json", "--n", "4", "--nodes", "1000")  # a minute and more
-    command = [*PROGRAM, "plan", "short.json", "long.json", "--out", "plans"]
-    process = subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    command = ["plan", "short.json", "long.json", "--out", "plans"]
+    with (tmp_path / "said").open("w") as said:
+        process = forked.start(LEAD, tmp_path, said, command)
     end = time.monotonic() + 60
     while not (tmp_path / "plans/short.plan.json").exists() and time.monotonic() < end:
         time.sleep(0.05)
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
-    _, complaints = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert complaints.splitlines()[-1] == "prolearn: interrupted; 1 of 2 plans was written."
+    assert process.wait() == 130
+    *_, last = (tmp_path / "said").read_text().splitlines()
+    assert last == "prolearn: interrupted; 1 of 2 plans was written."

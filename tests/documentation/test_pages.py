@@ -18,13 +18,20 @@ PATIENCE = 300.0
 
 @pytest.fixture
 def shell(forked):
-    """Run the lines of a block in the folder of the test; each must succeed."""
+    """Run the lines of a block in the folder of the test; each must succeed.
+
+    As on a machine with one core, where no command waits for worker processes to start.
+    """
     prolearn = f'prolearn() {{ {shlex.join(forked.command)} "$@"; }}'
 
     def run(example):
         script = f"set -e\n{prolearn}\n{example.parsed}"
         done = subprocess.run(
-            ["bash", "-c", script], capture_output=True, text=True, timeout=PATIENCE
+            ["bash", "-c", script],
+            env=os.environ | {"LOKY_MAX_CPU_COUNT": "1"},
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
         )
         assert done.returncode == 0, f"{example.parsed}\n{done.stdout}\n{done.stderr}"
 

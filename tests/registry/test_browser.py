@@ -1,17 +1,14 @@
 """The MLflow UI on a store of ours, in a real browser."""
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
 import time
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from forked import Forked
+from tracking import serve
 
 from cli.jobs.experiments import evaluate
 from cli.jobs.train import train_model
@@ -48,34 +45,10 @@ def six(folder: Path, solved: Path) -> Path:
 
 
 @pytest.fixture
-def address(six: Path, free_port: int) -> Iterator[str]:
+def address(six: Path, free_port: int, forked: Forked) -> Iterator[str]:
     """``mlflow ui`` on loopback."""
-    command = f"ui --backend-store-uri sqlite:///mlflow.db --workers 1 --port {free_port}"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mlflow", *command.split()],
-        env={**os.environ, "MLFLOW_DISABLE_TELEMETRY": "true"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    url = f"http://127.0.0.1:{free_port}"
-    try:
-        wait_for(f"{url}/health", process)
-        yield url
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait(timeout=20)
-
-
-def wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline and process.poll() is None:
-        try:
-            urllib.request.urlopen(url, timeout=1).close()
-            return
-        except OSError:
-            time.sleep(0.1)
-    raise AssertionError("mlflow ui did not start")
+    with serve(forked, six, free_port, "ui"):
+        yield f"http://127.0.0.1:{free_port}"
 
 
 @pytest.fixture

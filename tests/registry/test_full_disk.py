@@ -4,10 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import Forked
 
 from pipeline.networks.model import load as load_network
 from pipeline.networks.model import save
@@ -15,9 +17,24 @@ from pipeline.training.loop import Trained
 from registry.models import load
 from registry.training import register_kept
 
-UNSHARE = ("unshare", "--map-root-user", "--mount")
+DISK = """
+import ctypes, os, subprocess
+
+NEW_USER, NEW_MOUNTS = 0x10000000, 0x00020000  # as linux/sched.h has them
+library, user, group = ctypes.CDLL(None, use_errno=True), os.getuid(), os.getgid()
+if library.unshare(NEW_USER | NEW_MOUNTS) != 0:
+    raise OSError(ctypes.get_errno(), "unshare")
+known = {{"setgroups": "deny", "uid_map": f"0 {{user}} 1", "gid_map": f"0 {{group}} 1"}}
+for name, said in known.items():
+    with open(f"/proc/self/{{name}}", "w") as file:
+        file.write(said)
+subprocess.run(["mount", "-t", "tmpfs", "-o", "size={size}k", "none", {path!r}], check=True)
+"""
+"""Mounts a disk that this process alone sees, which it may as root of a namespace of its own."""
 
 SCRIPT = """
+{disk}
+import shutil
 from pathlib import Path
 from pipeline.dataset.examples import Examples
 from pipeline.errors import ProlearnError
@@ -26,6 +43,8 @@ from pipeline.training.loop import Epoch, Trained
 from pipeline.networks.architecture import recipe_for
 from registry.training import DatasetInfo, record_training
 
+shutil.copy("mlflow.db", {path!r})
+os.chdir({here!r})
 model = load(Path({network!r}))
 trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
 dataset = DatasetInfo("data/paper", "0" * 64, 20, 5)
@@ -37,38 +56,34 @@ except ProlearnError as error:
 
 
 def mounting_works() -> bool:
-    try:
-        done = subprocess.run(
-            [*UNSHARE, "sh", "-c", "mount -t tmpfs -o size=1m none /mnt"], capture_output=True
-        )
-    except OSError:
-        return False
-    return done.returncode == 0
+    code = DISK.format(size=1024, path="/mnt")
+    return subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.skipif(
-        not mounting_works(), reason="needs util-linux's unshare and the right to mount a tmpfs"
-    ),
+    pytest.mark.skipif(not mounting_works(), reason="needs the right to mount a tmpfs"),
 ]
 
 
-def record_on(disk: Path, mebibytes: float, network: Path, here: Path, store: Path) -> str:
-    """What a training says whose store is on a disk of its own that is as small as that."""
-    size = int(mebibytes * 1024)
-    mount = f'mount -t tmpfs -o size={size}k none "$1" && cp mlflow.db "$1" && cd "$2"'
-    code = SCRIPT.format(network=str(network))
-    arguments = (str(disk), str(here), sys.executable, code)
-    done = subprocess.run(
-        [*UNSHARE, "sh", "-c", f'{mount} && exec "$3" -c "$4"', "sh", *arguments],
-        env={**os.environ, "MLFLOW_TRACKING_URI": f"sqlite:///{store}", "TMPDIR": str(network)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    return done.stdout.strip()
+@pytest.fixture
+def record_on(
+    folder: Path, network: Path, forked: Forked, tmp_path: Path
+) -> Callable[[Path, Path], str]:
+    """What a training says in a folder, whose store is on a disk that has no room for more."""
+
+    def record(disk: Path, here: Path) -> str:
+        disk.mkdir()
+        size = (folder / "mlflow.db").stat().st_size // 1024 + 102  # KiB: the empty store, 0.1 MiB
+        mounted = DISK.format(size=size, path=str(disk))
+        code = SCRIPT.format(disk=mounted, path=str(disk), here=str(here), network=str(network))
+        store = f"sqlite:///{disk / 'mlflow.db'}"
+        given = {**os.environ, "MLFLOW_TRACKING_URI": store, "TMPDIR": str(network)}
+        done = forked.run((), folder, given, code=code)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    return record
 
 
 @pytest.fixture
@@ -77,18 +92,13 @@ def network(tmp_path: Path, trained: Trained) -> Path:
     return tmp_path / "network"
 
 
-def room(folder: Path) -> float:
-    """MiB of the empty store."""
-    return (folder / "mlflow.db").stat().st_size / 2**20
-
-
 def test_a_store_on_a_full_disk_fails_in_a_sentence_and_the_network_is_kept_and_registered_later(
-    folder: Path, tmp_path: Path, network: Path, trained: Trained
+    folder: Path,
+    tmp_path: Path,
+    record_on: Callable[[Path, Path], str],
+    trained: Trained,
 ) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-
-    said = record_on(disk, room(folder) + 0.1, network, folder, disk / "mlflow.db")
+    said = record_on(tmp_path / "disk", folder)
 
     assert "prolearn models register" in said and "space on the disk" in said
     assert len(said.splitlines()) == 1, said
@@ -107,12 +117,9 @@ def test_a_store_on_a_full_disk_fails_in_a_sentence_and_the_network_is_kept_and_
 
 
 def test_where_even_the_current_folder_is_full_the_sentence_says_so(
-    folder: Path, tmp_path: Path, network: Path
+    folder: Path, tmp_path: Path, record_on: Callable[[Path, Path], str]
 ) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-
-    said = record_on(disk, room(folder) + 0.1, network, disk, disk / "mlflow.db")
+    said = record_on(tmp_path / "disk", tmp_path / "disk")
 
     assert "neither be registered nor be kept" in said and "No space left on device" in said
     assert len(said.splitlines()) == 1, said

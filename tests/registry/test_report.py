@@ -1,6 +1,7 @@
 """The report is one story: an evaluation, and what else is of its models on its data."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from cli.jobs.experiments import evaluate, transfer_times, warmstart
 from cli.jobs.report import report
 from cli.main import app
 from cli.settings import Evaluation, TransferTimes, WarmStarts
+from pipeline.dataset.manifest import read_manifest
+from pipeline.figures.style import RC
 from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
@@ -23,16 +26,38 @@ from registry.training import DatasetInfo, record_training
 CRAFT = 3
 
 
-@pytest.fixture
-def done(
-    folder: Path,
+@pytest.fixture(scope="module")
+def place(
+    tmp_path_factory: pytest.TempPathFactory,
+    migrated: Path,
     solved: Path,
     trained: Trained,
     trained_lstm: Trained,
     recipe: Recipe,
-    on_solved: DatasetInfo,
+) -> tuple[Path, dict[str, str]]:
+    """A folder with a store that has all experiments, made once, and their run ids."""
+    path = tmp_path_factory.mktemp("story")
+    shutil.copy(migrated, path / "mlflow.db")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path)
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        patch.setitem(RC, "savefig.dpi", 40)
+        return path, experiments(solved, trained, trained_lstm, recipe)
+
+
+@pytest.fixture
+def done(place: tuple[Path, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """The run ids; the current folder is that of the store."""
+    monkeypatch.chdir(place[0])
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    return place[1]
+
+
+def experiments(
+    solved: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe
 ) -> dict[str, str]:
-    """Run ids: all experiments with ff1 alone, then an evaluation and times with lstm1, too."""
+    """All experiments with ff1 alone, then an evaluation and times with lstm1, too."""
+    on_solved = DatasetInfo(str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
     alone = Workers(jobs=1)
     data, sizes = str(solved), f"{CRAFT}"
@@ -60,13 +85,13 @@ def made(out: Path) -> tuple[str, "pd.Series[str]", pd.DataFrame]:
 
 
 def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
-    done: dict[str, str], folder: Path
+    done: dict[str, str],
 ) -> None:
     said = CliRunner().invoke(
         app, ["report", "--out", "earlier", "--evaluation", done["evaluation"]]
     )
     assert said.exit_code == 0, said.output
-    text, runs, training = made(folder / "earlier")
+    text, runs, training = made(Path("earlier"))
     assert dict(runs.iloc[:4]) == {
         "Experiments 1 and 2, examples": done["evaluation"],
         "Experiment 3, expert": done["expert"],
@@ -79,9 +104,9 @@ def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
     assert "LSTM1" not in text
 
 
-def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str], folder: Path) -> None:
-    report(folder / "newest")
-    text, runs, training = made(folder / "newest")
+def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str]) -> None:
+    report(Path("newest"))
+    text, runs, training = made(Path("newest"))
     assert runs["Experiments 1 and 2, examples"] == done["later evaluation"]
     assert runs["Experiment 4"] == done["later times"]
     assert not any("Experiment 3" in part for part in runs.index)
@@ -92,14 +117,13 @@ def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str], fold
     assert "No warm starts of these models on these data" in text
 
 
-def test_what_was_made_with_other_versions_is_said(done: dict[str, str], folder: Path) -> None:
+def test_what_was_made_with_other_versions_is_said(done: dict[str, str]) -> None:
     client = connect().client
-    versions = json.loads(client.get_run(done["times"]).data.tags["made_with"])
-    client.set_tag(done["times"], "made_with", json.dumps(versions | {"torch": "1.0"}))
-    report(folder / "earlier", done["evaluation"])
-    assert (
-        "Experiment 4 was made with torch 1.0, the evaluation with 2" in made(folder / "earlier")[0]
-    )
+    usual = client.get_run(done["times"]).data.tags["made_with"]
+    client.set_tag(done["times"], "made_with", json.dumps(json.loads(usual) | {"torch": "1.0"}))
+    report(Path("other"), done["evaluation"])
+    client.set_tag(done["times"], "made_with", usual)
+    assert "Experiment 4 was made with torch 1.0, the evaluation with 2" in made(Path("other"))[0]
 
 
 def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(

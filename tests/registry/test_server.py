@@ -1,18 +1,17 @@
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 import time
-import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+from forked import Forked, Started
 from processes import SOON
+from tracking import end, serve
 
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load as load_network
@@ -29,52 +28,22 @@ pytestmark = pytest.mark.system
 
 @pytest.fixture
 def server(
-    folder: Path, free_port: int, monkeypatch: pytest.MonkeyPatch
-) -> Iterator["subprocess.Popen[bytes]"]:
+    folder: Path, free_port: int, forked: Forked, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Started]:
     """``mlflow server`` on loopback with artifacts behind it, as the tracking store."""
-    uri = f"http://127.0.0.1:{free_port}"
-    command = (
-        f"-m mlflow server --backend-store-uri sqlite:///mlflow.db --workers 1 --port {free_port}"
-    )
-    process = subprocess.Popen(
-        [sys.executable, *command.split(), "--artifacts-destination", "./behind"],
-        env={**os.environ, "MLFLOW_DISABLE_TELEMETRY": "true"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
     monkeypatch.setenv("TMPDIR", str(folder))  # for lock files that outlive the server
     monkeypatch.setattr(tempfile, "tempdir", None)
-    try:
-        wait_for(f"{uri}/health", process)
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    with serve(
+        forked, folder, free_port, "server", "--artifacts-destination", "./behind"
+    ) as process:
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{free_port}")
         yield process
-    finally:
-        end(process)
-
-
-def end(process: "subprocess.Popen[bytes]") -> None:
-    """Kill the server and its workers, which are a process group of their own."""
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait(timeout=20)
-
-
-def wait_for(url: str, process: "subprocess.Popen[bytes]") -> None:
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and process.poll() is None:
-        try:
-            urllib.request.urlopen(url, timeout=1).close()
-            return
-        except OSError:
-            time.sleep(0.1)
-    raise AssertionError("mlflow server did not start")
 
 
 class EndsTheServer:
     """A setting during whose recording the server goes away."""
 
-    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+    def __init__(self, process: Started) -> None:
         self.process = process
 
     def __str__(self) -> str:
@@ -83,7 +52,7 @@ class EndsTheServer:
 
 
 def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
-    server: "subprocess.Popen[bytes]",
+    server: Started,
     folder: Path,
     trained: Trained,
     recipe: Recipe,
@@ -113,7 +82,7 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
 
 
 def test_a_server_whose_address_has_a_password_is_used_with_it_and_named_without(
-    server: "subprocess.Popen[bytes]", monkeypatch: pytest.MonkeyPatch
+    server: Started, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     uri = os.environ["MLFLOW_TRACKING_URI"].replace("://", "://robot:pa55word@")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
@@ -139,7 +108,7 @@ with recorded_run(connect(), EVALUATION, "killed", {}):
 
 
 def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_open(
-    server: "subprocess.Popen[bytes]", folder: Path
+    server: Started, folder: Path, child: Callable[[str], int]
 ) -> None:
     store = connect()
     elsewhere = store.client.create_run(
@@ -147,8 +116,7 @@ def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_
     )
     assert elsewhere.info.status == "RUNNING"
     with recorded_run(store, EVALUATION, "mine", {}):
-        killed = subprocess.run([sys.executable, "-c", DIES], timeout=120)
-        assert killed.returncode == -signal.SIGKILL
+        assert child(DIES) == -signal.SIGKILL
         connect()
         found = store.client.search_runs([store.experiments[EVALUATION]])
         assert {run.info.run_name: run.info.status for run in found} == {

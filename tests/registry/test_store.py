@@ -3,14 +3,14 @@ import os
 import shutil
 import socket
 import sqlite3
-import subprocess
-import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
 import mlflow
 import pytest
+from forked import Forked
 from processes import SOON
 
 from pipeline.errors import InputError, ProlearnError
@@ -59,17 +59,14 @@ def test_connecting_twice_finds_the_same_experiments(folder: Path) -> None:
     assert connect().experiments == connect().experiments
 
 
-def test_several_processes_may_start_a_fresh_store_at_once(fresh: Path) -> None:
+def test_several_processes_may_start_a_fresh_store_at_once(fresh: Path, forked: Forked) -> None:
     code = "from registry.store import connect; print(sorted(connect().experiments.values()))"
-    started = [
-        subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1, text=True)
-        for _ in range(2)
-    ]
-    ended = [(*process.communicate(timeout=120), process.returncode) for process in started]
+    with ThreadPoolExecutor() as threads:
+        ended = [*threads.map(lambda _: forked.run((), fresh, code=code), range(2))]
 
-    assert [code for _, _, code in ended] == [0, 0], ended
-    assert len({out for out, _, _ in ended}) == 1
-    assert [error for _, error, _ in ended] == ["", ""], "MLflow must not chatter"
+    assert [done.returncode for done in ended] == [0, 0], ended
+    assert len({done.stdout for done in ended}) == 1
+    assert [done.stderr for done in ended] == ["", ""], "MLflow must not chatter"
     with closing(sqlite3.connect(fresh / "mlflow.db")) as database:
         (count,) = database.execute(
             "SELECT count(*) FROM experiments WHERE name LIKE 'prolearn-%'"

@@ -157,7 +157,7 @@ def run(asked: dict[str, Any], streams: list[int]) -> int:
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
         os.close(stream)
-    sys.argv[1:] = asked["arguments"]
+    sys.argv[:] = ["prolearn", *asked["arguments"]]
     try:
         if asked["code"]:
             exec(asked["code"], {"__name__": "__main__"})

@@ -23,6 +23,14 @@ import fork_server
 PATIENCE = 120.0
 """Seconds after which a process is given up."""
 
+LEAD = """
+import os
+from cli.main import app
+os.setsid()
+app()
+"""
+"""A command that leads a group of processes, to all of which a signal can be sent."""
+
 
 @dataclass(frozen=True)
 class Started:
@@ -40,11 +48,17 @@ class Started:
         """End it at once."""
         self.send_signal(signal.SIGKILL)
 
-    def wait(self) -> None:
-        """Wait until it has ended."""
+    def wait(self) -> int | None:
+        """Wait until it has ended; its exit status, if nobody has asked before."""
         with self.answers:
-            if self.answers.fileno() >= 0:
-                self.answers.recv(64)
+            return int(self.answers.recv(64)) if self.answers.fileno() >= 0 else None
+
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, 0)
+            return True
+        return False
 
 
 class Forked:
@@ -121,10 +135,10 @@ class Forked:
                 said.append(file.read())
             return subprocess.CompletedProcess(arguments, status, *said)
 
-    def start(self, code: str, folder: Path, log: TextIO) -> Started:
+    def start(self, code: str, folder: Path, log: TextIO, arguments: Sequence[str] = ()) -> Started:
         """Run code in a folder until it ends or is killed; what it says goes into a file."""
         with Path(os.devnull).open() as nothing:
             streams = [nothing.fileno(), log.fileno(), log.fileno()]
-            answers = fork_client.ask(self._socket, streams, code=code, folder=folder)
+            answers = fork_client.ask(self._socket, streams, arguments, code, folder)
         answers.settimeout(PATIENCE)
         return Started(int(answers.recv(64)), answers)

@@ -58,7 +58,8 @@ READERS = (
 """Commands that read results and networks."""
 
 
-ENVIRONMENT = {"COLUMNS": "80", "MLFLOW_DISABLE_TELEMETRY": "true"}
+ENVIRONMENT = {"COLUMNS": "80", "MLFLOW_DISABLE_TELEMETRY": "true", "LOKY_MAX_CPU_COUNT": "1"}
+"""Worker processes are started where they are asked for."""
 
 VARYING = ("seconds", "time_ratio", "run_id", '"earlier"')
 """Words in lines that differ where something is done again."""
