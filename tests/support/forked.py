@@ -40,11 +40,10 @@ class Started:
         """End it at once."""
         self.send_signal(signal.SIGKILL)
 
-    def wait(self) -> None:
-        """Wait until it has ended."""
+    def wait(self) -> int | None:
+        """Wait until it has ended; the first time, its exit status."""
         with self.answers:
-            if self.answers.fileno() >= 0:
-                self.answers.recv(64)
+            return int(self.answers.recv(64)) if self.answers.fileno() >= 0 else None
 
 
 class Forked:
