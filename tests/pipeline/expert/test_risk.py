@@ -181,7 +181,7 @@ def test_corrections_have_room_within_the_thrust_limit():
 
 
 def test_a_limit_that_leaves_corrections_no_room_is_named():
-    scenario = draw("rings", 0, 3, 0, PROBLEM, "valid")
+    scenario = draw("rings", 0, 2, 1, PROBLEM, "valid")
     largest = float(np.abs(solve(scenario).controls).max())
     tight = replace(scenario, problem=replace(PROBLEM, max_acceleration=0.6 * largest))
     assert solve(tight).status == SOLVED
