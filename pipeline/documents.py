@@ -6,10 +6,11 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, from_json
 
 from pipeline.errors import InputError
@@ -31,6 +32,14 @@ def parsed(content: bytes) -> Any:
     if found := _LONG.search(content):
         raise ValueError(f"it has an integer of more than 40 digits at byte {found.start()}")
     return from_json(content)
+
+
+def validated(kind: type, fields: Any) -> Any:
+    """The value of a dataclass that fields describe; ValidationError where they do not."""
+    return _validator(kind).validate_python(fields)
+
+
+_validator = cache(TypeAdapter)  # made once for a type: that takes longer than most checks
 
 
 def with_checksum(fields: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The checks of types and shapes in tests refuse as much as jaxtyping's, whatever came before."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,8 +18,7 @@ def first(
     return one.ravel()[:many]
 
 
-@pytest.fixture
-def checks():
+def remembered(function):
     """A type-checked function, and a list of the arguments that were really checked."""
     made = []
 
@@ -26,7 +26,12 @@ def checks():
         inner = jaxtyped(function, typechecker=beartype)
         return lambda *args: made.append(args) or inner(*args)
 
-    return remembering(first, checking), made
+    return remembering(function, checking), made
+
+
+@pytest.fixture
+def checks():
+    return remembered(first)
 
 
 @pytest.mark.parametrize(
@@ -59,3 +64,48 @@ def test_a_kind_of_call_is_checked_once(checks):
     for _ in range(3):
         assert function(np.ones((3, 3)), 3).shape == (3,)
     assert len(made) == 2
+
+
+def total(
+    many: list[Float[np.ndarray, "n"]],  # noqa: F821
+    names: dict[str, int],
+    how: Literal["sum", "most"] = "sum",
+) -> float:
+    return float(sum(one.sum() for one in many)) * names.get(how, 1)
+
+
+def test_lists_and_dicts_of_one_kind_are_checked_once_and_of_several_kinds_each_time():
+    function, made = remembered(total)
+    for _ in range(2):
+        assert function([np.ones(2), np.ones(2)], {"a": 1, "sum": 3}) == 12
+        assert function([np.ones(2)], {"most": 2}, "most") == 4
+    several = len(made)
+    for wrong in (
+        ([np.ones((2, 2))], {"a": 1}),
+        ([np.ones(2, int)] * 2, {"a": 1}),
+        ([np.ones(2)], {1: 1}),
+        ([np.ones(2)], {"a": "1"}),
+        ((np.ones(2),), {"a": 1}),
+        ([np.ones(2)], {"a": 1}, "least"),
+        ([np.ones(2)], {"a": 1}, ["sum"]),
+    ):
+        with pytest.raises(TypeCheckError):
+            function(*wrong)
+    for k in (1, 2):
+        function([np.ones(2)], {"a": 1, "b": True})
+        assert len(made) == several + 7 + k
+
+
+def test_a_text_is_looked_at_itself_only_where_annotations_name_texts():
+    (function, made), (other, made_too) = remembered(total), remembered(spelt)
+    for text in ("sum", "most", "sum"):
+        assert function([np.ones(2)], {"a": 1}, text) == 2
+        assert other(text, b"0") == len(text) + 1
+    assert (len(made), len(made_too)) == (2, 1)
+    for wrong in ((b"sum", b"0"), ("sum", "0"), ("sum", bytearray(b"0"))):
+        with pytest.raises(TypeCheckError):
+            other(*wrong)
+
+
+def spelt(text: str, content: bytes) -> int:
+    return len(text) + len(content)

@@ -15,18 +15,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
-from pydantic import (
-    AfterValidator,
-    ConfigDict,
-    PositiveInt,
-    TypeAdapter,
-    ValidationError,
-    WrapValidator,
-)
+from pydantic import AfterValidator, ConfigDict, PositiveInt, ValidationError, WrapValidator
 
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import FAMILY, SCHEMA, metadata
-from pipeline.documents import first_fault
+from pipeline.documents import first_fault, validated
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
@@ -73,12 +66,12 @@ def _current(record: Mapping[str, Any]) -> Mapping[str, Any]:
 def requirements_of(record: Mapping[str, Any]) -> Requirements:
     """The requirements of plans in a record; ValueError where no plan can satisfy them."""
     given = {name: record[name] for name in REQUIRED if name in record}
-    return TypeAdapter(Requirements).validate_python(given) and Requirements(**given)
+    return validated(Requirements, given) and Requirements(**given)
 
 
 def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
     try:
-        TypeAdapter(Settings).validate_python(_current(given))
+        validated(Settings, _current(given))
         settings_of(given), requirements_of(given)
     except ValidationError as error:
         raise ValueError(first_fault(error)) from None
@@ -238,7 +231,7 @@ def _parsed(folder: Folder, name: str) -> Manifest | str:
         document = read_checked(folder, name)
         schema = document.pop("schema")
         if schema == SCHEMA:
-            return TypeAdapter(Manifest).validate_python(document)
+            return validated(Manifest, document)
         if not str(schema).startswith(FAMILY):
             raise ValueError(f"its schema is {schema}")
     except ValidationError as error:

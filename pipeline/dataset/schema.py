@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from pipeline.arrays import Array
+from pipeline.documents import validated
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED, UNSOLVED, Plan
@@ -95,7 +96,7 @@ def problem_of(table: pa.Table) -> Problem:
     absent = {"orbit", "thrust"} - about.keys()  # where these are the default they are not written
     try:
         fields = {name: about[name] for name in Problem.__dataclass_fields__.keys() - absent}
-        return TypeAdapter(Problem).validate_python(fields) and Problem.of(fields)
+        return validated(Problem, fields) and Problem.of(fields)
     except (KeyError, ValidationError) as error:
         raise InputError("its metadata describe no problem") from error
 

@@ -6,12 +6,11 @@ audit hooks see them.
 
 import json
 import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
+from forked import Forked
 from kills import run_script
 
 from pipeline.scratch import PREFIX, clear_scratch, scratch_folder, temporary_files_in
@@ -21,6 +20,7 @@ pytestmark = pytest.mark.system
 KILLED_AT_EACH_CALL = """
 import json, os, sys, tempfile
 from pathlib import Path
+from forked import Forked
 from kills import die, kills, run_again
 from pipeline.scratch import scratch_folder
 
@@ -63,18 +63,20 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_killed_before_any_call_of_the_system_nothing_is_left_once_the_next_is_made(place: Path):
-    left, at_last = json.loads(run_script(KILLED_AT_EACH_CALL))
+def test_killed_before_any_call_of_the_system_nothing_is_left_once_the_next_is_made(
+    place: Path, forked: Forked
+):
+    left, at_last = json.loads(run_script(forked, KILLED_AT_EACH_CALL))
     assert len(left) > 10
     assert any(not name.endswith(".lock") for names in left for name in names)
     assert at_last == []
 
 
-def test_a_folder_that_is_in_use_stays_while_others_are_cleared(place: Path):
+def test_a_folder_that_is_in_use_stays_while_others_are_cleared(place: Path, forked: Forked):
     with scratch_folder() as folder:
         (folder / "mine").write_text("content")
         code = "from pipeline.scratch import scratch_folder\nwith scratch_folder(): pass"
-        subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+        assert forked.run([], Path.cwd(), code=code).returncode == 0
         clear_scratch()
         assert (folder / "mine").read_text() == "content"
         assert folder.stat().st_mode & 0o777 == 0o700

@@ -1,29 +1,21 @@
 """Work in forked children that are killed (-9) at one step after the other.
 
-Scripts that use this run in a process of their own, which has imported everything.
+Scripts that use this run in a process of their own, forked from one that has imported everything.
 """
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from itertools import count
+from pathlib import Path
 
-TIMEOUT = 120.0
-"""Seconds for a script."""
+from forked import Forked
 
 
-def run_script(script: str, *arguments: object) -> str:
-    """Standard output of a Python script, which can import what tests can."""
-    run = subprocess.run(
-        [sys.executable, "-c", script, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        check=False,
-    )
+def run_script(forked: Forked, script: str, *arguments: object) -> str:
+    """Standard output of a Python script, which can import what supports tests."""
+    run = forked.run([*map(str, arguments)], Path.cwd(), code=script)
     assert run.returncode == 0, run.stderr
     return run.stdout
 

@@ -13,9 +13,13 @@ from typing import Any
 import jaxtyping
 
 Function = Callable[..., Any]
+Look = Callable[[Any], Hashable]
 
 VARIES = object()
-"""Kind of what is looked at each time, such as a list, whose items may be anything."""
+"""Kind of what is looked at each time, such as a list of items of several kinds."""
+
+FEW = 100
+"""Most items of a list that are looked at before it is taken for one of several kinds."""
 
 
 def check_once() -> None:
@@ -38,8 +42,9 @@ def remembering(function: FunctionType, checking: Callable[[Function], Function]
 
     Most functions are never called, so it is asked at the first call.
     """
-    right: set[Hashable] = set()
+    right: dict[Hashable, set[Hashable]] = {}  # kinds of arguments, and of results that they had
     results: list[Any] = []
+    kind_of = KINDS[tells_texts(function)].of
 
     def known(*args: Any, **kwargs: Any) -> Any:
         return results.pop() if results else function(*args, **kwargs)
@@ -54,45 +59,92 @@ def remembering(function: FunctionType, checking: Callable[[Function], Function]
     def called(*args: Any, **kwargs: Any) -> Any:
         if jaxtyping.config.jaxtyping_disable:
             return function(*args, **kwargs)
-        given = *map(kind_of, args), *kwargs, *map(kind_of, kwargs.values())
-        if given not in right:
+        given: tuple[Hashable, ...] = (*map(kind_of, args),)
+        if kwargs:
+            given += *kwargs, *map(kind_of, kwargs.values())
+        found = right.get(given)
+        if found is None:
             result = checked()(*args, **kwargs)
         else:
             result = function(*args, **kwargs)
-            if (given, kind_of(result)) in right:
+            if kind_of(result) in found:
                 return result
             results.append(result)
             checked()(*args, **kwargs)
-        kind = given, kind_of(result)
         if VARIES not in given:
-            right.add(given)
-            if kind[1] is not VARIES:
-                right.add(kind)
+            found = right.setdefault(given, set())
+            if (kind := kind_of(result)) is not VARIES:
+                found.add(kind)
         return result
 
     return called
 
 
-def kind_of(value: Any) -> Hashable:
-    """All of a value that an annotation can ask for."""
-    kind: Any = type(value)
-    if is_array(kind):
-        return kind, value.dtype, value.shape
-    if kind is str or issubclass(kind, type):
-        return value
-    if kind is tuple:
-        kinds = (*map(kind_of, value),)
-        return VARIES if VARIES in kinds else kinds
-    return VARIES if is_container(kind) else kind
+def tells_texts(function: FunctionType) -> bool:
+    """Whether annotations may ask for some texts and not for others."""
+    asked = [*function.__annotations__.values()]
+    return any(isinstance(one, str) for one in asked) or any(
+        name in repr(one) for one in asked for name in ("Literal", "Annotated", "ForwardRef")
+    )
 
 
-@cache
-def is_array(kind: type) -> bool:
-    """Whether a type is numpy's array or torch's tensor, or derived from them."""
-    return not {"ndarray", "Tensor"}.isdisjoint(base.__name__ for base in kind.__mro__)
+class Kinds:
+    """Finds all of a value that an annotation can ask for, and of a text itself only if asked."""
+
+    def __init__(self, texts: bool) -> None:
+        self._looks: dict[type, Look | None] = {bytes: None, range: None}
+        self._looks[str] = itself if texts else None
+        self._looks |= {list: self.alike, set: self.alike, frozenset: self.alike}
+        self._looks[dict] = self.mapped
+
+    def of(self, value: Any) -> Hashable:
+        """Kind of a value."""
+        kind: Any = type(value)
+        try:
+            look = self._looks[kind]
+        except KeyError:
+            look = self._looks[kind] = self.look(kind)
+        return look(value) if look else kind
+
+    def look(self, kind: type) -> Look | None:
+        """What finds the kinds of values of a type, or None where they have one kind."""
+        if not {"ndarray", "Tensor"}.isdisjoint(base.__name__ for base in kind.__mro__):
+            return array
+        if issubclass(kind, type):
+            return itself
+        if issubclass(kind, tuple):
+            return self.in_order
+        return varying if issubclass(kind, Collection) else None
+
+    def in_order(self, items: tuple[Any, ...]) -> Hashable:
+        """Kind of a tuple."""
+        found = (type(items), *map(self.of, items))
+        return VARIES if VARIES in found else found
+
+    def alike(self, items: Collection[Any]) -> Hashable:
+        """Kind of items; where they differ, a check that looks at one of them tells nothing."""
+        found = {*map(self.of, items)} if len(items) <= FEW else {VARIES}
+        return VARIES if len(found) > 1 or VARIES in found else (type(items), *found)
+
+    def mapped(self, items: dict[Any, Any]) -> Hashable:
+        """Kind of keys and values."""
+        found = (dict, self.alike([*items]), self.alike([*items.values()]))
+        return VARIES if VARIES in found else found
 
 
-@cache
-def is_container(kind: type) -> bool:
-    """Whether values of a type have items, which annotations may tell more of."""
-    return issubclass(kind, Collection)
+def array(value: Any) -> Hashable:
+    """Kind of numpy's arrays and torch's tensors, and of what is derived from them."""
+    return type(value), value.dtype, value.shape
+
+
+def itself(value: Hashable) -> Hashable:
+    """Kind of texts and types."""
+    return value
+
+
+def varying(value: Any) -> Hashable:
+    """Kind of what has items in a way of its own, which annotations may tell more of."""
+    return VARIES
+
+
+KINDS = {texts: Kinds(texts) for texts in (True, False)}

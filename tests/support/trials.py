@@ -115,21 +115,28 @@ def frequency_corrected(
     errors: Errors,
     trials: int,
     seed: int = 0,
-    within: float = 40.0,
 ) -> int:
     """In how many trials any pair comes within the collision radius, corrected at each node."""
     nodes, _, flown = corrected(problem, states, controls, errors, trials, seed)
-    n, T = states.shape[:2]
-    flat = nodes.reshape(-1, T, 6), flown.reshape(-1, T - 1, 3)
-    tracks = positions(problem, *flat).reshape(trials, n, -1, 3)
-    planned = positions(problem, states, controls)
+    return _hits(problem, nodes, flown, positions(problem, states, controls))
+
+
+def _hits(problem: Case, states: np.ndarray, made: np.ndarray, planned: np.ndarray) -> int:
+    """In how many trials any pair comes within the radius, of craft as planned (n, times, 3).
+
+    A pair is looked at when some trial's craft err far enough from their plans to meet.
+    """
+    (trials, n, T, _), many = states.shape, 200  # trials whose positions a processor holds
     i, j = np.triu_indices(n, 1)
-    near = np.linalg.norm(planned[i] - planned[j], axis=-1).min(axis=-1) < within
+    gaps = np.linalg.norm(planned[i] - planned[j], axis=-1)
     hit = np.zeros(trials, dtype=bool)
-    for one, other in zip(i[near], j[near], strict=True):
-        hit |= (
-            np.linalg.norm(tracks[:, one] - tracks[:, other], axis=-1).min(axis=1) < problem.radius
-        )
+    for part in (slice(k, k + many) for k in range(0, trials, many)):
+        flat = states[part].reshape(-1, T, 6), made[part].reshape(-1, T - 1, 3)
+        tracks = positions(problem, *flat).reshape(-1, *planned.shape)
+        off = np.sqrt(np.square(tracks - planned).sum(axis=-1).max(axis=0))
+        for one, other, at in zip(i, j, gaps < problem.radius + off[i] + off[j], strict=True):
+            apart = tracks[:, one, at] - tracks[:, other, at]
+            hit[part] |= (np.square(apart).sum(axis=-1) < problem.radius**2).any(axis=1)
     return int(hit.sum())
 
 
@@ -163,13 +170,13 @@ def frequency(
     errors: Errors,
     trials: int,
     seed: int = 0,
-    within: float = 60.0,
 ) -> int:
     """In how many trials any pair comes within the collision radius."""
-    hit = np.zeros(trials, dtype=bool)
-    for pair in pairs_flown(problem, initial, controls, errors, trials, seed, within):
-        hit |= pair.least() < problem.radius
-    return int(hit.sum())
+    starts, pushes = drawn(initial, controls, errors, trials, np.random.default_rng(seed))
+    flat = starts.reshape(-1, 6), pushes.reshape(-1, problem.nodes - 1, 3)
+    states = fly(problem, *flat).reshape(*starts.shape[:2], problem.nodes, 6)
+    planned = positions(problem, fly(problem, initial, controls), controls)
+    return _hits(problem, states, pushes, planned)
 
 
 def wilson(hits: int, trials: int, z: float = 3.3) -> tuple[float, float]:
@@ -185,7 +192,6 @@ def positions(problem: Case, states: np.ndarray, controls: np.ndarray) -> np.nda
     offsets = problem.step / PIECES * np.arange(1, PIECES + 1)
     maps = [exact_step(problem.rate, float(at)) for at in offsets]
     free, forced = (np.stack([one[k][:3] for one in maps]) for k in (0, 1))
-    inside = np.einsum("qab,ntb->ntqa", free, states[:, :-1], optimize=True)
-    inside += np.einsum("qab,ntb->ntqa", forced, controls, optimize=True)
-    flat = inside.reshape(len(states), -1, 3)
-    return np.concatenate([states[:, :1, :3], flat], axis=1)
+    flow = np.concatenate([free, forced], axis=2).reshape(-1, 9)
+    inside = np.concatenate([states[:, :-1], controls], axis=2) @ flow.T
+    return np.concatenate([states[:, :1, :3], inside.reshape(len(states), -1, 3)], axis=1)

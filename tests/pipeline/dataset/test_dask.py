@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import threading
@@ -59,15 +60,21 @@ class After(Progress):
         self.said.append(sentence)
 
 
-@pytest.fixture
-def here_and_there(tmp_path):
-    """The same dataset twice, solved here, and to be solved there."""
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """A dataset that is solved here, and beside it one that is not."""
+    folder = tmp_path_factory.mktemp("dask") / "here"
     samples = {5: Sample(count=8 * SHARDS, shard_rows=8)}
-    folders = tmp_path / "here", tmp_path / "there"
-    for folder in folders:
-        sample(folder, samples, Problem(), workers=Workers(1))
-    solve(folders[0], Settings(), workers=Workers(jobs=1))
-    return folders
+    sample(folder, samples, Problem(), workers=Workers(1))
+    shutil.copytree(folder, folder.with_name("unsolved"))
+    solve(folder, Settings(), workers=Workers(jobs=1))
+    return folder
+
+
+@pytest.fixture
+def here_and_there(here, tmp_path):
+    """The same dataset twice, solved here, and to be solved there."""
+    return here, Path(shutil.copytree(here.with_name("unsolved"), tmp_path / "there"))
 
 
 def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, here_and_there):
@@ -162,13 +169,13 @@ def test_a_cluster_of_one_thread_does_the_work_itself(cluster):
     assert {pid for _, pid in done} == {cluster.workers[0].pid}
 
 
-def test_scenarios_are_drawn_and_rows_verified_by_a_cluster(cluster, here_and_there, tmp_path):
+def test_scenarios_are_drawn_and_rows_verified_by_a_cluster(cluster, here, tmp_path):
     cluster.start_workers(1)
     workers = Workers(scheduler=cluster.address)
     samples = {5: Sample(count=8 * SHARDS, shard_rows=8)}
     sample(tmp_path / "drawn", samples, Problem(), workers=workers)
     solve(tmp_path / "drawn", Settings(), workers=workers)
-    assert content(tmp_path / "drawn") == content(here_and_there[0])
+    assert content(tmp_path / "drawn") == content(here)
     assert list(verify(tmp_path / "drawn", workers=workers)) == []
 
 

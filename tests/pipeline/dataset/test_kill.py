@@ -1,10 +1,8 @@
 """Killed (-9) at every step of publishing, then run again: the same bytes as if undisturbed."""
 
 import os
+import select
 import signal
-import subprocess
-import sys
-import textwrap
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -40,15 +38,15 @@ def killed(step):
     die_at_flush(step)
     make(root / f"{step:03d}")
 
-make(root / "undisturbed")  # here, so that children find everything imported
+make(root / "undisturbed")
 for step in kills(killed):
     run_again(lambda: make(root / f"{step:03d}"))
 print(step + 1)
 """
 
 
-def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_path):
-    kills = int(run_script(SCRIPT, tmp_path))
+def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_path, forked):
+    kills = int(run_script(forked, SCRIPT, tmp_path))
     # Scenarios, timings and plans of two shards, manifests and their copies: each is flushed
     # before and after its rename, so that every kill falls on one side of one.
     assert kills >= 20
@@ -59,19 +57,39 @@ def test_killed_at_any_step_of_publishing_the_next_run_gives_the_same_bytes(tmp_
         assert not list((tmp_path / f"{k:03d}").rglob("*.tmp"))
 
 
-SOLVE = textwrap.dedent("""
-    import sys
-    from pipeline.dataset.making import solve
-    from pipeline.progress import Progress
-    from pipeline.parallel.workers import Workers
-    from pipeline.expert import Settings
+SOLVE = """
+import os
+from pipeline.dataset.making import solve
+from pipeline.progress import Progress
+from pipeline.parallel.workers import Workers
+from pipeline.expert import Settings
 
-    class Loud(Progress):
-        def say(self, sentence):
-            print(sentence, flush=True)
+class Loud(Progress):
+    def say(self, sentence):
+        print(sentence, flush=True)
 
-    solve(sys.argv[1], Settings(), workers=Workers(jobs=2), progress=Loud())
-""")
+os.setsid()
+solve({folder!r}, Settings(), workers=Workers(jobs=2), progress=Loud())
+"""
+
+
+class Solve:
+    """A solve by two workers, a process group of its own."""
+
+    def __init__(self, forked, folder):
+        self.output, out = os.pipe()
+        with os.fdopen(out, "w") as log:
+            self.process = forked.start(SOLVE.format(folder=str(folder)), Path.cwd(), log)
+        self.pid = self.process.pid
+
+    def said(self):
+        """All it says, once everything that holds its output has ended, and its exit status."""
+        said = [b""]
+        with os.fdopen(self.output, "rb", buffering=0) as output:
+            while len(said) == 1 or said[-1]:
+                assert select.select([output], [], [], SOON)[0], "some process goes on"
+                said.append(output.read(1 << 16))
+        return b"".join(said).decode(), self.process.wait()
 
 
 @pytest.fixture
@@ -96,7 +114,9 @@ def until(holds, seconds=30.0):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
-def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(busy, tmp_path):
+def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
+    busy, tmp_path, forked
+):
     import shutil
 
     from pipeline.dataset.making import solve
@@ -105,17 +125,15 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
 
     alone = Path(shutil.copytree(busy, tmp_path / "alone"))
     solve(alone, Settings(), workers=Workers(jobs=1))
-    run = subprocess.Popen(
-        [sys.executable, "-c", SOLVE, str(busy)], stdout=subprocess.PIPE, text=True
-    )
+    run = Solve(forked, busy)
     assert until(lambda: list(busy.glob("n=6/part-*")))
     os.kill(run.pid, signal.SIGSTOP)  # no more work is given out, however slow this process is
     workers = workers_of(run.pid)
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
     os.kill(run.pid, signal.SIGCONT)
-    said, _ = run.communicate(timeout=60)
-    assert run.returncode == 0
+    said, status = run.said()
+    assert status == 0
     assert "a worker process was killed" in said
     assert content(busy) == content(alone)
 
@@ -133,14 +151,9 @@ def weighty(tmp_path):
     return folder
 
 
-def started(folder):
-    """A solve of its own process group, once its first worker has appeared."""
-    run = subprocess.Popen(
-        [sys.executable, "-c", SOLVE, str(folder)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-    )
+def started(forked, folder):
+    """A solve, once its first worker has appeared."""
+    run = Solve(forked, folder)
     assert until(lambda: workers_of(run.pid))
     return run
 
@@ -151,12 +164,14 @@ def semaphores_of(pid):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
 @pytest.mark.parametrize("wait", [0.0, 0.1, 0.25])  # s: workers are importing
-def test_a_kill_while_workers_are_starting_leaves_no_process_and_no_semaphore(weighty, wait):
-    run = started(weighty)
+def test_a_kill_while_workers_are_starting_leaves_no_process_and_no_semaphore(
+    weighty, wait, forked
+):
+    run = started(forked, weighty)
     try:
         time.sleep(wait)
-        run.kill()
-        run.communicate(timeout=SOON)  # until all that hold its output have ended
+        run.process.kill()
+        run.said()
         assert not semaphores_of(run.pid)
     finally:
         with suppress(ProcessLookupError):
@@ -164,12 +179,12 @@ def test_a_kill_while_workers_are_starting_leaves_no_process_and_no_semaphore(we
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for workers in /proc")
-def test_what_processes_left_that_were_killed_all_at_once_is_removed_by_the_next_run(busy):
-    run = started(busy)
+def test_what_processes_left_that_were_killed_all_at_once_is_removed_by_the_next_run(busy, forked):
+    run = started(forked, busy)
     os.killpg(run.pid, signal.SIGKILL)
-    run.communicate(timeout=SOON)
+    run.said()
     assert semaphores_of(run.pid)  # their tracker, which would have, was killed with them
-    following = started(busy)
-    following.terminate()
-    following.communicate(timeout=SOON)
+    following = started(forked, busy)
+    following.process.send_signal(signal.SIGTERM)
+    following.said()
     assert not semaphores_of(run.pid)

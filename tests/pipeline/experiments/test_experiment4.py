@@ -136,8 +136,8 @@ def test_several_trainings_show_their_average_and_spread(times):
     assert (low, high) == pytest.approx((2.2 - 2**0.5, 4.5 + 2**0.5))
 
 
-def test_the_report_has_the_section_with_figures_and_tables(trials, times, tmp_path):
-    files = build_report(Results(trials, transfer_times=times), tmp_path)
+def test_the_report_has_the_section_with_figures_and_tables(trials_at, times, tmp_path):
+    files = build_report(Results(trials_at(6), transfer_times=times), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 4: other transfer times")[1].split("\n## ")[0]
     assert "6nT numbers wide" in section

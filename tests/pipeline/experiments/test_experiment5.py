@@ -312,9 +312,9 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
     assert names == ["Expert", "Decoupled optimum", "with errors", "without errors"]
 
 
-def test_the_report_has_the_section_and_says_when_plans_hold(trials, tmp_path):
+def test_the_report_has_the_section_and_says_when_plans_hold(trials_at, tmp_path):
     flights = table(expert=MARGINAL, refiner=MARGINAL, decoupled_optimum=(55, 53, 54))
-    files = build_report(Results(trials, flights=flights), tmp_path)
+    files = build_report(Results(trials_at(6), flights=flights), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
     assert section.startswith("Plans hold outside the linear model where")
@@ -330,9 +330,9 @@ def test_the_report_has_the_section_and_says_when_plans_hold(trials, tmp_path):
     assert set(by_name["experiment5"]["world"]) == set(WORLDS), "the CSV file has all"
 
 
-def test_the_section_begins_with_what_planning_as_flown_changes(trials, tmp_path):
+def test_the_section_begins_with_what_planning_as_flown_changes(trials_at, tmp_path):
     flights = pd.concat([table(expert=MARGINAL), planned_too("expert")], ignore_index=True)
-    files = build_report(Results(trials, flights=flights), tmp_path)
+    files = build_report(Results(trials_at(6), flights=flights), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
     assert section.startswith(

@@ -131,26 +131,29 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from kills import die_at_flush, kills, run_again
-from test_montecarlo import fly
+from test_montecarlo import LOOPS, fly
 
 root = Path(sys.argv[1])
 
+def make(folder):
+    fly(folder, trials=6, loops=LOOPS[:2])
+
 def killed(step):
     die_at_flush(step)
-    fly(root / f"{step:03d}", trials=6)
+    make(root / f"{step:03d}")
 
-fly(root / "undisturbed", trials=6)
+make(root / "undisturbed")
 for step in kills(killed):
-    run_again(lambda: fly(root / f"{step:03d}", trials=6))
+    run_again(lambda: make(root / f"{step:03d}"))
 print(step + 1)
 """
 
 
 @pytest.mark.system
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks a child for each kill")
-def test_killed_at_any_step_of_writing_the_next_run_gives_the_same_bytes(tmp_path):
+def test_killed_at_any_step_of_writing_the_next_run_gives_the_same_bytes(tmp_path, forked):
     """With -9, at each flush of a file or a folder."""
-    steps = int(run_script(KILLED, tmp_path, Path(__file__).parent))
+    steps = int(run_script(forked, KILLED, tmp_path, Path(__file__).parent))
     assert steps >= 4 * 2 * 2  # shards and their timings, each flushed before and after its rename
     wanted = content(tmp_path / "undisturbed")
     for step in range(steps):
