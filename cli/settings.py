@@ -180,7 +180,7 @@ class WorkerSettings:
 
 @dataclass(frozen=True)
 class RunSettings(WorkerSettings):
-    """How an experiment is run: by whom, whether an earlier run counts, and what is printed."""
+    """Settings of every experiment: workers, reuse of an earlier run, and printed output."""
 
     resume: Resume = False
     as_json: AsJson = False

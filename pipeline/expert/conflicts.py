@@ -78,10 +78,8 @@ def back_off_shortfall(
 
     0 where all are beyond.
     """
-    detection, radius = (
-        ConflictDetection(problem, requirements, swarms, back_off=back_off),
-        problem.collision_radius,
-    )
+    radius = problem.collision_radius
+    detection = ConflictDetection(problem, requirements, swarms, back_off=back_off)
     cuts, bound = detection.conflicts(flown, radius)
     short = np.zeros(len(swarms.starts))
     swarm = np.searchsorted(swarms.starts, cuts.first, side="right") - 1

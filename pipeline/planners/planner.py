@@ -26,7 +26,7 @@ class Planner(Protocol):
 
 @dataclass(frozen=True)
 class PlannerWrapper:
-    """Base of planners that let another one plan, under its name and requirements."""
+    """Base class of planners that wrap another one and have its name and requirements."""
 
     planner: Planner
 

@@ -127,7 +127,7 @@ def _text(path: Path) -> str:
 
 
 def _table(text: str, name: str) -> Formation:
-    """The states of a table, m and m/s."""
+    """Inertial states read from a table, m and m/s."""
     rows = _json_rows(text, name) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text, name)
     if not 1 <= len(rows) <= MOST_CRAFT:
         raise InputError(f"{name} has {len(rows)} rows; expected {WHAT}, of 1 to {MOST_CRAFT}.")

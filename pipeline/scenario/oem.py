@@ -40,7 +40,7 @@ class Epoch:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A segment of an ephemeris: states, and how to interpolate between them."""
+    """An OEM segment: states at times, and the interpolation method between them."""
 
     base: datetime  # that times are counted from
     times: Float[Array, "q"]  # ascending, s

@@ -122,7 +122,7 @@ End = Annotated[
 
 
 def count_of(end: list[list[float]] | RingsDocument) -> int:
-    """Number of craft of an end."""
+    """Number of spacecraft in an initial or goal formation."""
     return end.n if isinstance(end, RingsDocument) else len(end)
 
 

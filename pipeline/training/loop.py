@@ -144,7 +144,7 @@ def train(
 def _improve(
     objective: Objective, train: Batches, valid: Batches, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
-    """Train all epochs; the network ends with the weights of the best, whose number is given."""
+    """Train the network for all epochs, restore the best weights, and return the best epoch."""
     recipe, epochs = objective.recipe, objective.recipe.epochs
     descent = Descent(objective.network, recipe, epochs * math.ceil(len(train) / recipe.batch_size))
     scored = replace(objective, network=descent.result)

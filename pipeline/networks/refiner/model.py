@@ -309,7 +309,7 @@ def run_round(
     number: int,
     among: Bool[Array, "b"] | None = None,
 ) -> Iterate:
-    """One round: the next iterate, by the round of a number from 0; without weights no trades.
+    """One round of message passing: the next iterate. Rounds count from 0; no weights, no trades.
 
     ``among`` has the swarms that go on, while the others keep their controls; by default all do.
     """

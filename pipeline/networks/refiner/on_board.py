@@ -113,7 +113,7 @@ def decoupled_optimum(
 
 
 def _met(facets: Facets, part: Float[Tensor, "d"]) -> tuple[Tensor, Float[Tensor, "d d"]]:
-    """The facet that the ray meets, (1,), and its weights, as ``orbit.decoupled`` chooses it."""
+    """Index (1,) and weights of the facet that a ray meets, chosen as in ``orbit.decoupled``."""
     table, dual = torch.from_numpy(facets.weights), torch.from_numpy(facets.dual)
     value, weight = dual @ part, table @ part  # (F,), (F, d)
     first = value.argmax(dim=0, keepdim=True)
@@ -283,7 +283,7 @@ def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str
 
 
 class Step(nn.Module):
-    """One step of a craft as a graph, from named inputs to named outputs."""
+    """An ONNX graph of one step of one craft: named inputs to named outputs."""
 
     takes: tuple[str, ...] = ()  # names of the inputs, in order
     gives: tuple[str, ...] = ()  # names of the outputs
@@ -322,7 +322,7 @@ class Step(nn.Module):
         return decoupled_optimum(craft.initial, craft.goal, self.grid, self.problem)
 
     def scene(self, craft: SimpleNamespace) -> Scene:
-        """The P encounters, at their closest approaches."""
+        """The closest approaches of the P encounters."""
         ends = craft.nodes - craft.told_nodes
         return geometry.scene_of(craft.interval, nearest(ends), ends, self.grid)
 
@@ -440,7 +440,7 @@ def outputs(step: type[Step]) -> tuple[str, ...]:
 
 
 def told_each_round(message: int) -> dict[str, int]:
-    """Numbers that a craft sends in a round for each live encounter, by name."""
+    """How many numbers a craft sends per active encounter and round, by message name."""
     sizes = sizes_of(0, message, 1, 1)
     names = [name for step in ROUND.values() for name in step.tells]
     return {name: prod(VALUES[name].sized(sizes)) for name in names}
