@@ -7,10 +7,9 @@ apogee, at perigee and across the plane, and its attitude control turns it to ea
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from benchmarks.peers import needed
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 
 PACKAGE = "bsk==2.12.1"
 CHIEF = np.array([11e6, 0.4, *np.radians([60.0, 90.0, 60.0, 40.0])])  # a, e, i, Ω, ω, M

@@ -12,10 +12,9 @@ from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from jaxtyping import Float
 from scipy.optimize import linprog
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.plain import UNIT, PlainScp

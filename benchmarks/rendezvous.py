@@ -11,9 +11,8 @@ from collections.abc import Iterator
 
 import cvxpy as cp
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 
 ANGLES = np.radians([51.6418, 301.0371, 26.1813, 68.2333])

@@ -4,6 +4,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import jaxtyping  # noqa: F401, so that annotations read Float[Array, "n 6"]
+
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
 

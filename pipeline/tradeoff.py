@@ -12,10 +12,9 @@ from math import ceil, floor, nan
 from typing import Any, Literal, get_args
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_choice, check_range
 from pipeline.figures import style
 from pipeline.orbit.problem import MOST_NODES

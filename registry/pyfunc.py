@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 from mlflow.models import ModelSignature
 from mlflow.types import Schema, TensorSpec
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float64
 from pipeline.networks.model import Model, load
 
 _ENDS = (-1, -1, 6)

@@ -3,9 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from jaxtyping import Float
-
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.problem import Problem
 
 

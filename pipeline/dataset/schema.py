@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Float
 from pydantic import ValidationError
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.documents import validated
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem

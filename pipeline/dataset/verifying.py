@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.dataset.making import complete, refuse_versions
 from pipeline.dataset.manifest import (
     BESIDE,

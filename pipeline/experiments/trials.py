@@ -10,9 +10,8 @@ from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.experiments import records
 from pipeline.experiments.parts import FinishedParts, Part, done_parts

@@ -1,9 +1,8 @@
 """Bases of the programs of large clusters, from one round to the next."""
 
 import numpy as np
-from jaxtyping import Bool, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.subproblem import Basis, Optimum
 
 # Craft of a cluster from which on a program begins with the basis of the last one. In smaller ones

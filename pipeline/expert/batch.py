@@ -5,9 +5,8 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Shaped
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Shaped
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
     LEFT_OUT,

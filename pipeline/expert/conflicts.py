@@ -7,9 +7,8 @@ craft err (a chance constraint).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert.cuts import (
     Cuts,
     corridor_cuts,

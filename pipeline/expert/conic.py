@@ -17,10 +17,9 @@ from functools import cached_property
 
 import clarabel
 import numpy as np
-from jaxtyping import Float, Int
 from scipy import sparse
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.expert.subproblem import (
     LENGTH,
     NEGLIGIBLE,

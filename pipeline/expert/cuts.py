@@ -3,9 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.orbit.approaches import Approaches, SwarmPartition
 from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.corridors import Faces, Margins

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.expert.limited import (
     FARKAS_MARGIN,
     LIMIT_SHARE,

@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.expert.conflicts import BackOff
 from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.settings import Settings

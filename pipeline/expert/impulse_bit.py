@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool
 from pipeline.expert.batch import Batch
 from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.limited import decoupled_program, settled

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.batch import Batch
 from pipeline.expert.cuts import Cuts
 from pipeline.orbit.arrays import Controls, Marked

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, TOLERANCE, ConicProgram
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Rows

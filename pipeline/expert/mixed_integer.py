@@ -11,10 +11,9 @@ from typing import Any
 
 import highspy
 import numpy as np
-from jaxtyping import Float, Int
 from scipy import sparse
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import ConicProgram, stacked
 from pipeline.expert.solvers import ROWWISE, new_highs
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError

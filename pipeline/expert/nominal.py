@@ -5,9 +5,8 @@ from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.impulse_bit import without_small_burns

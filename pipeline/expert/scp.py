@@ -22,9 +22,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert.bases import Bases
 from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory

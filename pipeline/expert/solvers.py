@@ -13,9 +13,8 @@ from typing import Any
 
 import highspy
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import by_cones
 from pipeline.expert.subproblem import LENGTH, Basis, Optimum, Subproblem, UnsolvableError
 

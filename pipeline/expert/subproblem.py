@@ -19,9 +19,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Indices, Values
 from pipeline.orbit.thrust import ALONG_AXES, Limits, Thrust

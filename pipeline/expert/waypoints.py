@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem

@@ -3,9 +3,8 @@
 from datetime import datetime, timedelta
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.reference import Reference, radius_at

@@ -8,9 +8,8 @@ from pathlib import Path
 from textwrap import wrap
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.errors import InputError
 from pipeline.export.burns import Burns, Masses, burns_of
 from pipeline.export.inertial import reference_frames, reference_of, stamp

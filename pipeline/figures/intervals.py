@@ -5,10 +5,9 @@ misses it, and is open (None) where the threshold lies within.
 """
 
 import numpy as np
-from jaxtyping import Float
 from scipy import stats
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 
 CONFIDENCE = 0.95  # of every interval
 

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.figures import style
 from pipeline.figures.labels import label_name
 from pipeline.orbit.approaches import pairs

@@ -23,9 +23,8 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
 from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter

@@ -6,9 +6,8 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions, problem_in, world_of
 from pipeline.flight.encounters import Encounters, Surroundings

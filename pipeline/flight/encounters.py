@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.flight.world import World
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.nearest import Nearest, nearer, nearest, nearest_between

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
-from jaxtyping import Float, Int
 from scipy.special import ndtri
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_range
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import (

@@ -12,9 +12,8 @@ it is, and the filter of that craft begins anew.
 """
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import (
     Uncertainty,

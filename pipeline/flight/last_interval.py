@@ -9,9 +9,8 @@ add the least to that sum.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches, side_by_side
 from pipeline.orbit.arrays import Indices, Values, Vectors
 from pipeline.orbit.bezier import norm

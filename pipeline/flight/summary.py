@@ -5,11 +5,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.figures import style
 from pipeline.figures.intervals import Interval, wilson
 from pipeline.flight.loops import Loop

@@ -4,9 +4,8 @@ from collections.abc import Callable, Mapping
 from functools import reduce
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.errors import Draws, Errors, Loss, burns_made, lost_thrust, navigation_errors
 from pipeline.flight.world import World

@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.orbit.chebyshev import NODES, pieces_of
 from pipeline.orbit.dynamics import Dynamics

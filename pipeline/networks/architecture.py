@@ -7,10 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
 from torch import Tensor, nn
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Float64
 from pipeline.errors import InputError, ProlearnError, check_choice
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding

@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
 
-from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 from safetensors import SafetensorError
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.documents import CHECKSUM, read_document, without_checksum
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import check_choice
 from pipeline.orbit.problem import Problem

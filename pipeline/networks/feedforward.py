@@ -9,11 +9,10 @@ from typing import Annotated, Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.supervised import Supervised
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
 
-from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.arrays import Float
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.feedforward import Layered, Layers
 

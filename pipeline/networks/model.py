@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from safetensors.torch import load as tensors_from
 from safetensors.torch import save as tensors_to
 from torch import Tensor, nn
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.documents import with_checksum, write_document
 from pipeline.errors import InputError
 from pipeline.files import published

@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor, nn
 from torch.export import Dim
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range, told_which_extra
 from pipeline.files import published
 from pipeline.networks.architecture import find

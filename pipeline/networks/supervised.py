@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Float
 from torch import Tensor, nn
 
+from pipeline.arrays import Float
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer

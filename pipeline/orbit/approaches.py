@@ -5,9 +5,8 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,

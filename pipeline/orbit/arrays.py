@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 
 Formation = Float[Array, "n 6"]
 States = Float[Array, "n T 6"]

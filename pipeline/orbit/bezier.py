@@ -3,9 +3,8 @@
 from math import comb
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array, ArrayOrNumber
+from pipeline.arrays import Array, ArrayOrNumber, Float, Int
 
 # Rows are mapped one by one: what a matrix product rounds depends on how many rows there are, and
 # no plan is to depend on what is planned beside it.

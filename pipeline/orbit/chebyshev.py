@@ -3,10 +3,9 @@
 from math import ceil
 
 import numpy as np
-from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 
 POINTS = 12  # of a piece, both ends included
 CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres

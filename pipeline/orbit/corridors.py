@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors

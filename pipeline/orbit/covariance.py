@@ -4,10 +4,9 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.arrays import Controls, Indices, PositionMaps, Values, Vectors
 from pipeline.orbit.bezier import norm

@@ -21,9 +21,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array, ArrayOrNumber
+from pipeline.arrays import Array, ArrayOrNumber, Float
 from pipeline.errors import InputError
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH

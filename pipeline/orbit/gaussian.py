@@ -1,10 +1,9 @@
 """Probabilities of Gaussian variables that bounds on the risk of a collision are made of."""
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import ndtr, owens_t
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import Values, Vectors
 from pipeline.orbit.bezier import norm
 

@@ -9,9 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool
 from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.arrays import Formation, Values
 from pipeline.orbit.participants import Obstacle, Participants, at_the_end

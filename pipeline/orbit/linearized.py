@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import (

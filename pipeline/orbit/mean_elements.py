@@ -13,9 +13,8 @@ axes, so that neither circles nor equatorial orbits are singular.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.forces import oblateness

@@ -8,9 +8,8 @@ same (``orbit.bezier``).
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import TOLERANCE, Pairs, SwarmPartition, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative

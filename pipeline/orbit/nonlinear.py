@@ -10,9 +10,8 @@ Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, States

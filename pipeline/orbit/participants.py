@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import (

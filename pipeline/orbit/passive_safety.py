@@ -9,9 +9,8 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import (
     Approaches,
     Motions,

@@ -6,9 +6,8 @@ from math import degrees, pi, radians, sqrt
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.orbit.forces import (
     Atmosphere,

@@ -1,9 +1,8 @@
 """Passive relative orbits (PROs): bounded motions about the reference orbit without thrust."""
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import AnyState, Formation, Scalar
 from pipeline.orbit.dynamics import cw_matrices
 

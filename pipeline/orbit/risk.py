@@ -35,10 +35,9 @@ errors with the deviation σ is at most σ‖ξ‖, with ξ the pair's J indepen
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from scipy.special import gammainccinv, ndtr
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
 from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.bezier import norm

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import (
     FEW,
     TOLERANCE,

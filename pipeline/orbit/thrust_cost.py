@@ -4,9 +4,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust

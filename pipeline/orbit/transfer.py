@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import (
     AnyControls,
     AnyState,

@@ -14,9 +14,8 @@ from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
 from pipeline.expert.batch import Batch
 from pipeline.orbit.approaches import pairs

@@ -6,9 +6,8 @@ from heapq import heappop, heappush
 from itertools import count
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.expert import decoupled_optima
 from pipeline.expert.batch import Batch
 from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isclose
 
-from jaxtyping import Float
-
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, Settings, nominal_plans, within_risk
 from pipeline.expert.batch import Batch

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.orbit.arrays import Formation, States
 from pipeline.orbit.decoupled import acceleration_scale
 from pipeline.orbit.problem import Problem

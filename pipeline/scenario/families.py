@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.documents import MOST_BYTES, parsed
 from pipeline.errors import InputError
 from pipeline.files import read_bytes

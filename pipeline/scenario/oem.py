@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from jaxtyping import Float
 from scipy.interpolate import KroghInterpolator
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.orbit.forces import point_mass
 from pipeline.scenario.fields import YEARS

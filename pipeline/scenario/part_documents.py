@@ -3,10 +3,9 @@
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle

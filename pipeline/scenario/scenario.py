@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from math import floor, log10
 
 import numpy as np
-from jaxtyping import Float
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.orbit.decoupled import least_cost, least_limits_within
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, Formation, States, Values
 from pipeline.orbit.bezier import norm

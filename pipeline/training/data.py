@@ -7,9 +7,9 @@ from itertools import count
 
 import numpy as np
 import torch
-from jaxtyping import Int
 from torch import Tensor
 
+from pipeline.arrays import Int
 from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import MEMORY, examples_within

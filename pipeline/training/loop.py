@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch import Tensor, nn
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from pipeline.arrays import Float
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.architecture import Architecture, find

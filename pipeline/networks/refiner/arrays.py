@@ -6,9 +6,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int, Shaped
 
 
 def namespace(values: Any) -> Any:

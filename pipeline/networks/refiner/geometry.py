@@ -15,10 +15,9 @@ from functools import lru_cache
 from typing import Any, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numba import njit
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.networks.refiner.arrays import constant, like, namespace, plain, rows, where
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps

@@ -23,11 +23,10 @@ from pathlib import Path
 from typing import Any, ClassVar, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numba import njit
 from safetensors.numpy import load as arrays_from
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.arrays import (

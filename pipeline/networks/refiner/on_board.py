@@ -19,9 +19,9 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from pipeline.arrays import Bool, Float
 from pipeline.errors import InputError
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.geometry import Grid, Scene, accelerations, positions, velocities

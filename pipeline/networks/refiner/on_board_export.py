@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
 from torch.export import Dim
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import published
 from pipeline.networks.model import Model

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import Any, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
 from numba import njit
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float, Int
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, like, plain, rows
 from pipeline.networks.refiner.geometry import Grid

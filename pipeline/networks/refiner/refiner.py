@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
+from pipeline.arrays import Float
 from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
