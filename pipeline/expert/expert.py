@@ -32,6 +32,7 @@ from pipeline.plan import (
 from pipeline.scenario import Scenario
 
 TRIES = 8  # searches at most, each for another number of standard deviations
+HOPELESS = 10.0  # times the risk asked for at the ends alone; other plans change it by up to two
 ENOUGH = 0.5  # share of the risk asked for from which a plan is not needlessly safe
 SATURATION = 0.1  # share of it that is left to corrections beyond the thrust limit
 AIM = 0.75  # share of it that the next number of standard deviations is chosen for
@@ -82,7 +83,8 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
 
     The plan given, of any planner, satisfies what is required without errors, or is not SOLVED. The
     certificate of that returned has the risk. It is UNSOLVED where the bound stays above what was
-    asked for: then it is the least risky of all, and its message says who is in the way.
+    asked for: then it is the least risky of all, and its message says who is in the way. Where the
+    ends of the plan given have many times what was asked for, no other is sought.
     """
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:
@@ -92,7 +94,8 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     problem = plan.scenario.problem
     back_off = BackOff(limit.uncertainty(problem), 0.0, limit.closed_loop)
     tried = [_judged(plan, back_off)]
-    if plan.status == SOLVED and tried[0].risk.total > limit.asked:
+    hopeless = tried[0].risk.at_ends.sum() > HOPELESS * limit.asked
+    if plan.status == SOLVED and tried[0].risk.total > limit.asked and not hopeless:
         tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
     fuel_without = plan.certificate.fuel if plan.status == SOLVED else None

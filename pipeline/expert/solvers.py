@@ -25,6 +25,9 @@ OPTIONS = {
     "simplex_scale_strategy": 0,  # these programs are scaled
 }
 
+LONG = 1000  # half-spaces from which on a program may take seconds, or minutes
+CHECK_SECONDS = 0.1  # how often signals are answered meanwhile
+
 _LOWER, _BASIC = highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic
 ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
 _thread = local()
@@ -51,7 +54,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
         solver.setBasis(_basis_of(sub.last))
     elif sub.basis is not None:
         solver.setBasis(_basis(sub, sub.basis))
-    solver.run()
+    _run(solver, k)
     status = solver.getModelStatus()
     if status != highspy.HighsModelStatus.kOptimal and sub.last is not None:
         return by_simplex(replace(sub, last=None))  # whose basis is dual feasible for sure
@@ -84,6 +87,25 @@ def new_highs(**options: Any) -> highspy.Highs:
     for name, value in {"output_flag": False, "threads": 1, **options}.items():
         solver.setOptionValue(name, value)
     return solver
+
+
+def _run(solver: highspy.Highs, half_spaces: int) -> None:
+    """Run a solver, on a long program in a thread of its own, so that Ctrl-C and SIGTERM end it."""
+    if half_spaces < LONG:
+        solver.run()
+        return
+    solver.HandleUserInterrupt = True
+    try:
+        solver.startSolve()
+        while not solver.wait(CHECK_SECONDS)[0]:
+            pass
+    except BaseException:
+        solver.cancelSolve()
+        solver.wait()
+        vars(_thread).clear()  # once interrupted, HiGHS interrupts whatever it is given next
+        raise
+    finally:
+        solver.HandleUserInterrupt = False
 
 
 def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Array, "e"]]:

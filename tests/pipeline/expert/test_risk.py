@@ -232,3 +232,15 @@ def test_ends_whose_errors_of_navigation_alone_are_too_risky_are_said_to_be(inde
         apart.min(), rel=0.01
     )
     assert plan.message.endswith(f"m apart at the {end}")
+
+
+def test_no_other_plan_is_sought_where_the_ends_alone_have_many_times_the_risk():
+    scenario = draw("rings", 0, 30, 0, PROBLEM)
+    plain = solve(scenario)
+    limit = RiskLimit(1e-5, 5.0, 0.05)
+    plan = solve(scenario, requirements=Requirements(risk=limit))
+    assert plan.status == UNSOLVED
+    said = float(re.search(r"the ends alone have ([\d.e-]+):", plan.message)[1])
+    assert said > 10 * limit.asked
+    assert plan.convex_solves == plain.convex_solves
+    assert (plan.controls == plain.controls).all()

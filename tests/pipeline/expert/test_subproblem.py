@@ -1,17 +1,25 @@
 """The convex subproblem by simplex, interior points and cvxpy, held against a dense program."""
 
+import signal
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import readable
+from highspy import HighsModelStatus
 from scipy.optimize import linprog
 
 from pipeline.expert.conflicts import ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
-from pipeline.expert.solvers import _highs, by_simplex
+from pipeline.expert.solvers import (
+    LONG,
+    ROWWISE,
+    _highs,
+    _run,
+    by_simplex,
+)
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
@@ -154,3 +162,36 @@ def test_a_dual_variable_is_what_a_little_more_separation_costs(solve):
     dearer = solve(replace(sub, required=required))
     grown = objective(sub, dearer) - objective(sub, best)
     assert grown == pytest.approx(best.dual[k] * more, rel=0.05)
+
+
+def passed(solver, cost, rows, least):
+    """Pass min costᵀx subject to rows x >= least, x >= 0."""
+    k, n = rows.shape
+    solver.passModel(
+        *(n, k, k * n, ROWWISE, 1, 0.0, cost, np.zeros(n), np.full(n, np.inf)),
+        *(least, np.full(k, np.inf), np.arange(0, k * n + 1, n, dtype=np.int32)),
+        *(np.tile(np.arange(n), k), rows.ravel(), np.zeros(n, dtype=np.int32)),
+    )
+
+
+def test_a_signal_ends_a_long_program_and_the_next_is_solved():
+    rng, size, solver = np.random.default_rng(0), 2000, _highs()
+    passed(solver, np.ones(size), rng.uniform(0, 1, (size, size)), rng.uniform(1, 2, size))
+
+    def interrupt(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            _run(solver, LONG)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert solver.getModelStatus() == HighsModelStatus.kInterrupt
+    solver = _highs()
+    passed(solver, np.ones(1), np.full((1, 1), 4.0), np.full(1, 2.0))
+    _run(solver, LONG)
+    assert solver.getModelStatus() == HighsModelStatus.kOptimal
+    assert solver.getSolution().col_value == [0.5]
