@@ -9,7 +9,7 @@ from cli.app import FAILED, refuse_overwriting, within_memory
 from cli.options import numbers
 from cli.output import echo
 from cli.settings import PlanFile, option
-from pipeline.errors import InputError
+from pipeline.errors import InputError, told_where
 from pipeline.files import STDIO, stem_of
 
 Form = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
@@ -61,10 +61,8 @@ def convert(
     if target.is_dir() != folder and target.exists():
         kind = "a folder" if folder else "a file"
         raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
-    try:
+    with told_where(plan):
         files = write_plan_as(to, made, target, stem_of(plan), mass=held, specific_impulse=impulse)
-    except InputError as error:
-        raise InputError(f"{plan}: {error}") from error
     if folder:
         echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
     else:
@@ -103,9 +101,7 @@ def show(
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
     with within_memory():
         claimed = read_plan(plan)
-        try:
+        with told_where(plan):
             shown = write_page(target, claimed, plan.name)
-        except InputError as error:
-            raise InputError(f"{plan}: {error}") from error
     said = " ".join([f"{target}: {claimed.scenario.n} craft by {claimed.planner}.", *shown.faults])
     echo(said, err=target == STDIO)

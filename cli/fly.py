@@ -13,7 +13,7 @@ from cli.output import echo, print_json, print_table
 from cli.plan_table import SIGNED, closest_cells, orbit_in_words
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
-from pipeline.errors import InputError
+from pipeline.errors import InputError, told_where
 from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of
 
@@ -185,11 +185,8 @@ def _fly_once(
     """Fly it without errors, with one effect more each time, and perhaps after losses of thrust."""
     from pipeline.flight.effects import effects, flight_report
 
-    try:
-        with within_memory():
-            found = effects(plan.scenario, plan.controls, conditions)
-    except InputError as wrong:
-        raise InputError(f"{path}: {wrong}") from wrong
+    with told_where(path), within_memory():
+        found = effects(plan.scenario, plan.controls, conditions)
     report = {"plan": str(path), **flight_report(plan, conditions, found, orbits)}
     print_json(report) if as_json else print_flight(report)
     raise typer.Exit(0 if report["safe"] else FAILED)

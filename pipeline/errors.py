@@ -57,6 +57,15 @@ def missing(error: ModuleNotFoundError) -> InputError | None:
 
 
 @contextmanager
+def told_where(where: object) -> Iterator[None]:
+    """InputErrors in the block begin with the file, or the place, that they are about."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+@contextmanager
 def told_which_extra() -> Iterator[None]:
     """In the block a missing package of an extra is an InputError that names the extra."""
     try:

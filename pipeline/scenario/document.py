@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field, model_validator
 
 from pipeline.documents import DIALECT, document_from, read_document, write_document
-from pipeline.errors import InputError
+from pipeline.errors import told_where
 from pipeline.files import stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
@@ -160,10 +160,8 @@ class ScenarioDocument(BaseModel):
 
     def scenario_of(self, path: Path) -> Scenario:
         """The scenario, whose InputErrors name the file."""
-        try:
+        with told_where(path):
             return self.scenario(stem_of(path))
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
 
 
 def read_scenario(path: Path | str) -> Scenario:
@@ -175,10 +173,8 @@ def read_scenario(path: Path | str) -> Scenario:
 def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
     """The scenario in a file, read and checked; InputErrors have the file's name."""
     scenario = read_scenario(path)
-    try:
+    with told_where(path):
         check(scenario, allow_drift=allow_drift)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     return scenario
 
 

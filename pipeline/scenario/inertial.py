@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.documents import MOST_BYTES, parsed
-from pipeline.errors import InputError
+from pipeline.errors import InputError, told_where
 from pipeline.files import read_bytes
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
@@ -181,10 +181,8 @@ def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Sequen
             raise InputError(f"{where} has {column} {shown}; expected a number.")
     numbers = np.array([row[column] for column in columns], dtype=float)
     if columns == ELEMENTS:
-        try:
+        with told_where(where):
             orbit = ReferenceOrbit(*numbers.tolist())
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from error
         numbers = orbit.states(np.zeros(1))[0]
     found: list[float] = (numbers * (1e3 if columns == KILOMETRES else 1.0)).tolist()
     return found

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, Field
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, told_where
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.scenario.fields import Number, Positive, strict, utc
 
@@ -68,7 +68,5 @@ class OrbitDocument(BaseModel):
 
     def orbit(self) -> ReferenceOrbit:
         """The orbit."""
-        try:
+        with told_where("orbit"):
             return ReferenceOrbit(**self.model_dump())
-        except InputError as error:
-            raise InputError(f"orbit: {error}") from error
