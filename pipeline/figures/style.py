@@ -37,6 +37,8 @@ RC: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 9,
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
     "figure.titlesize": 10,
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -114,7 +116,7 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
     for suffix in suffixes:
         with published(path.with_name(path.name + suffix)) as temporary:
             figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)  # after "none" each further file would draw it twice
 
 
 SPREAD = 20.0  # values whose largest is so many times the smallest positive one get a log scale

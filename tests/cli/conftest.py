@@ -19,10 +19,13 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def prolearn(forked: Forked, tmp_path: Path) -> Callable[..., CompletedProcess[str]]:
-    """Run prolearn in an empty folder; the result has returncode, stdout and stderr."""
+    """Run prolearn in an empty folder; the result has returncode, stdout and stderr.
+
+    As on a machine with one core, but where processes are asked for, whose imports take long.
+    """
 
     def run(*arguments: object, **environment: str) -> CompletedProcess[str]:
-        given = os.environ | {"COLUMNS": "80"} | environment
+        given = os.environ | {"COLUMNS": "80", "LOKY_MAX_CPU_COUNT": "1"} | environment
         return forked.run([str(one) for one in arguments], tmp_path, given)
 
     return run

@@ -160,6 +160,10 @@ def begun(start, long_work, tmp_path):
     return command
 
 
+CTRL_C = signal.SIGINT, 130, "interrupted"
+SIGTERM = signal.SIGTERM, 143, "terminated"
+
+
 def alive(group):
     """Whether any process of a group is left."""
     try:
@@ -171,12 +175,14 @@ def alive(group):
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    ("to_all", "jobs"), [(True, "2"), (False, "2"), (False, "1")], ids=["all", "main", "one"]
-)
-@pytest.mark.parametrize(
-    ("number", "status", "word"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
-    ids=["ctrl-c", "sigterm"],
+    ("to_all", "jobs", "number", "status", "word"),
+    [
+        (True, "2", *CTRL_C),
+        (True, "1", *CTRL_C),
+        (True, "2", *SIGTERM),
+        (False, "2", *SIGTERM),
+        (False, "1", *SIGTERM),
+    ],
 )
 def test_ctrl_c_and_sigterm_stop_at_once_and_keep_what_is_finished(
     begun, long_work, tmp_path, to_all, jobs, number, status, word

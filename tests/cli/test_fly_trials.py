@@ -129,7 +129,7 @@ def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, forked, tmp_
         time.sleep(0.005)
     run.kill()
     assert run.wait() == -signal.SIGKILL
-    done = prolearn(*asked, "--out", "killed", "--jobs", "2")
+    done = prolearn(*asked, "--out", "killed", "--jobs", "1")
     assert done.returncode == 0, done.stderr
     files = sorted(path.relative_to(killed) for path in killed.glob("loop=*/*"))
     assert len(files) == 3 * 2

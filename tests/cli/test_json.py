@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,9 +77,10 @@ class Given:
 
 
 @pytest.fixture(scope="module")
-def folder(forked, tmp_path_factory):
+def folder(forked, migrated, tmp_path_factory):
     """Where the commands were given, one after another in one process."""
     here = tmp_path_factory.mktemp("line")
+    shutil.copy(migrated, here)
     environment = {k: v for k, v in os.environ.items() if k != "MLFLOW_TRACKING_URI"}
     code = f"COMMANDS = {COMMANDS!r}\n{GIVE}"
     forked.run((), here, environment, code=code).check_returncode()

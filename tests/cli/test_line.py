@@ -9,8 +9,7 @@ from pipeline.scenario.document import write_scenario
 
 def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     def run(*arguments):
-        # As on a machine with one core, but where processes are asked for, whose imports take long.
-        done = prolearn(*arguments, OMP_NUM_THREADS="1", LOKY_MAX_CPU_COUNT="1")
+        done = prolearn(*arguments, OMP_NUM_THREADS="1")
         assert done.returncode == 0, done.stderr
         return done.stdout
 

@@ -116,7 +116,7 @@ class Page(HTMLParser):
         self.text += data
 
 
-def test_a_report_has_the_text_as_it_is_and_no_file_but_its_figures(
+def test_a_report_has_the_text_as_it_is_a_line_for_each_row_and_no_file_but_its_figures(
     written: Written, folder: Path, tmp_path: Path
 ) -> None:
     assert_plain(run("report", "--out", "reports"))
@@ -132,20 +132,17 @@ def test_a_report_has_the_text_as_it_is_and_no_file_but_its_figures(
         assert_plain(text)
     names = [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*outside*")]
     assert names and all(name.startswith("my project/reports/figures/") for name in names)
+    text = (out / "tables/provenance.csv").read_bytes().decode()
+    assert_plain(text)
+    table = pd.read_csv(out / "tables/provenance.csv")
+    assert len(text.splitlines()) == len(table) + 1
+    assert (table["data"] == written.of(SEEN)).all()
 
 
 def read_with_figures(markdown: str) -> str:
     """What is read of a report beside its figures, each at the beginning of a line."""
     lines = markdown.splitlines()
     return read("\n".join(line for line in lines if not line.startswith("![Figure ")))
-
-
-def test_tables_of_a_report_have_a_line_for_each_row(written: Written, folder: Path) -> None:
-    run("report", "--out", "reports")
-    text = (folder / "reports/tables/provenance.csv").read_bytes().decode()
-    assert_plain(text)
-    assert len(text.splitlines()) == len(pd.read_csv(folder / "reports/tables/provenance.csv")) + 1
-    assert (pd.read_csv(folder / "reports/tables/provenance.csv")["data"] == written.of(SEEN)).all()
 
 
 def test_lists_of_models_show_the_text(written: Written) -> None:
