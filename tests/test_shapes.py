@@ -109,3 +109,34 @@ def test_a_text_is_looked_at_itself_only_where_annotations_name_texts():
 
 def spelt(text: str, content: bytes) -> int:
     return len(text) + len(content)
+
+
+def scaling(k, checking, before=None):
+    """Defines a function anew, which may call another of the same definition first."""
+
+    def scaled(one: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n"]:  # noqa: F821
+        return k * one[0] if before is None else k * before(one)
+
+    return remembering(scaled, checking)
+
+
+def test_functions_that_another_defines_anew_are_checked_as_one_and_each_is_called():
+    made = []
+
+    def checking(function):
+        inner = jaxtyped(function, typechecker=beartype)
+        return lambda *args: made.append(args) or inner(*args)
+
+    of = {k: scaling(k, checking) for k in (2, 3)}
+    both = scaling(5, checking, of[3])
+    assert np.array_equal(both(SQUARE), [15.0, 15.0])  # at the first call, too
+    for k in (2, 3):
+        assert np.array_equal(of[k](SQUARE), [k, k])
+    assert len(made) == 2  # the two that began before either had ended
+    for one in (*of.values(), both):
+        for wrong in (np.ones((2, 3)), SQUARE.astype(int)):
+            with pytest.raises(TypeCheckError):
+                one(wrong)
+    assert np.array_equal(both(SQUARE), [15.0, 15.0])
+    with pytest.raises(TypeCheckError):
+        scaling(1.0 + 0.0j, checking)(SQUARE)  # arguments as right as others, but not its result

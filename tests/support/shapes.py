@@ -40,44 +40,78 @@ def check_once() -> None:
 def remembering(function: FunctionType, checking: Callable[[Function], Function]) -> Function:
     """A function whose calls are checked by what ``checking`` makes of it, each kind of call once.
 
-    Most functions are never called, so it is asked at the first call.
+    Most functions are never called, so it is asked at the first call. Functions that another
+    defines anew whenever it is called have one memory.
     """
-    right: dict[Hashable, set[Hashable]] = {}  # kinds of arguments, and of results that they had
-    results: list[Any] = []
-    kind_of = KINDS[tells_texts(function)].of
+    nested = "<locals>" in function.__qualname__ and not (
+        function.__defaults__ or function.__kwdefaults__
+    )
+    if not nested:
+        return Memory(function, checking).of(function)
+    place = function.__module__, function.__qualname__, function.__code__
+    if place not in NESTED:
+        NESTED[place] = Memory(function, checking)
+    return NESTED[place].of(function)
 
-    def known(*args: Any, **kwargs: Any) -> Any:
-        return results.pop() if results else function(*args, **kwargs)
 
-    @cache
-    def checked() -> Function:
-        # Annotations that are text are looked up where the function is.
-        here = FunctionType(known.__code__, function.__globals__, closure=known.__closure__)
-        return checking(wraps(function)(here))
+class Memory:
+    """Which calls were right of a function, or of all that come of one definition."""
 
-    @wraps(function)
-    def called(*args: Any, **kwargs: Any) -> Any:
-        if jaxtyping.config.jaxtyping_disable:
-            return function(*args, **kwargs)
-        given: tuple[Hashable, ...] = (*map(kind_of, args),)
-        if kwargs:
-            given += *kwargs, *map(kind_of, kwargs.values())
-        found = right.get(given)
-        if found is None:
-            result = checked()(*args, **kwargs)
-        else:
-            result = function(*args, **kwargs)
-            if kind_of(result) in found:
-                return result
-            results.append(result)
-            checked()(*args, **kwargs)
-        if VARIES not in given:
-            found = right.setdefault(given, set())
-            if (kind := kind_of(result)) is not VARIES:
-                found.add(kind)
-        return result
+    def __init__(self, function: FunctionType, checking: Callable[[Function], Function]) -> None:
+        # Kinds of arguments, and of results that they had.
+        self.right: dict[Hashable, set[Hashable]] = {}
+        self.results: list[Any] = []
+        self.running: list[Function] = []
+        self.kind_of = KINDS[tells_texts(function)].of
+        results, running = self.results, self.running
 
-    return called
+        def known(*args: Any, **kwargs: Any) -> Any:
+            return results.pop() if results else running[-1](*args, **kwargs)
+
+        @cache
+        def checked() -> Function:
+            # Annotations that are text are looked up where the function is.
+            here = FunctionType(known.__code__, function.__globals__, closure=known.__closure__)
+            return checking(wraps(function)(here))
+
+        self.checked = checked
+
+    def of(self, function: FunctionType) -> Function:
+        """One of the functions, whose calls are checked."""
+        right, results, running = self.right, self.results, self.running
+        kind_of, checked = self.kind_of, self.checked
+
+        @wraps(function)
+        def called(*args: Any, **kwargs: Any) -> Any:
+            if jaxtyping.config.jaxtyping_disable:
+                return function(*args, **kwargs)
+            given: tuple[Hashable, ...] = (*map(kind_of, args),)
+            if kwargs:
+                given += *kwargs, *map(kind_of, kwargs.values())
+            found = right.get(given)
+            if found is None:
+                running.append(function)
+                try:
+                    result = checked()(*args, **kwargs)
+                finally:
+                    running.pop()
+            else:
+                result = function(*args, **kwargs)
+                if kind_of(result) in found:
+                    return result
+                results.append(result)
+                checked()(*args, **kwargs)
+            if VARIES not in given:
+                found = right.setdefault(given, set())
+                if (kind := kind_of(result)) is not VARIES:
+                    found.add(kind)
+            return result
+
+        return called
+
+
+NESTED: dict[Hashable, Memory] = {}
+"""Memories of functions that others define, by where that is."""
 
 
 def tells_texts(function: FunctionType) -> bool:

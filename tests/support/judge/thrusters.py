@@ -12,7 +12,8 @@ SHARE = 1e-6
 """Relative difference of forces and fuels that counts as rounding."""
 
 FIELDS = ("max_acceleration_norm", "min_delta_v", "no_burn", "objective", "craft")
-"""Fields of scenario.json that say more of thrust than max_acceleration."""
+"""Fields of scenario.json that say more of thrust than max_acceleration; an objective "total" says
+nothing more."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class Thrusters:
     def of(cls, document: Mapping[str, Any], n: int) -> "Thrusters | None":
         """Those of the fields of scenario.json; None where max_acceleration is all of it."""
         model = document.get("thrust") or "components"
-        if model == "components" and not any(document.get(name) for name in FIELDS):
+        said = [document.get(name) for name in FIELDS]
+        if model == "components" and all(one == "total" or not one for one in said):
             return None
         craft: Sequence[Mapping[str, Any]] = document.get("craft") or [{}] * n
         step, intervals = document["time_step"], document["nodes"] - 1
