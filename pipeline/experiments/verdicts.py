@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, groupby
 
 import pandas as pd
 from scipy import stats
@@ -130,7 +131,16 @@ def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
     yes = [label for label, verdict in said.items() if verdict == YES]
     still_open = [label for label, verdict in said.items() if verdict.startswith("Open")]
     form = decide(WHERE, len(yes) == len(said), bool(yes), bool(still_open))
-    return form.format(yes=", ".join(yes), open=", ".join(still_open))
+    return form.format(yes=_in_words(yes, list(at)), open=_in_words(still_open, list(at)))
+
+
+def _in_words(some: Sequence[str], tried: Sequence[str]) -> str:
+    """Some of the labels that were tried; of three or more in a row the first and the last."""
+    place = {label: k for k, label in enumerate(tried)}
+    runs = groupby(enumerate(some), key=lambda at: place[at[1]] - at[0])
+    rows = [[label for _, label in run] for _, run in runs]
+    said = [[f"{row[0]} to {row[-1]}"] if len(row) > 2 else row for row in rows]
+    return ", ".join(chain.from_iterable(said))
 
 
 @dataclass(frozen=True)

@@ -100,10 +100,10 @@ def test_the_figure_has_the_sizes_side_by_side_and_the_averages_on_them(planned)
 
 
 def test_a_verdict_names_the_sizes_at_which_a_network_is_proven_safe_and_cheap(rows):
-    def verdict(*safe, fuel=1.0):
+    def verdict(*safe, fuel=1.0, sizes=(30, 60, 100)):
         table = [
             x
-            for n, some in zip((30, 60, 100), safe, strict=True)
+            for n, some in zip(sizes, safe, strict=True)
             for x in flown(rows, "refiner", "tuned", shares(some, 100), fuel, n=n)
         ]
         shown = larger_swarms(prepared(pd.DataFrame(table)), trained())
@@ -113,13 +113,15 @@ def test_a_verdict_names_the_sizes_at_which_a_network_is_proven_safe_and_cheap(r
 
     # Wilson's interval of 100 in 100 begins at 96.3 %, that of 99 at 94.6 %; that of 91 ends at
     # 95.2 %, that of 90 at 94.5 %.
-    assert verdict(100, 100, 100) == "Yes, wherever tried: n = 30, n = 60, n = 100"
+    assert verdict(100, 100, 100) == "Yes, wherever tried: n = 30 to n = 100"
     for few in (99, 91):
         said = "At n = 30, n = 60; open, with too few trials: n = 100"
         assert verdict(100, 100, few) == said
     assert verdict(100, 100, 90) == "Only at n = 30, n = 60"
     assert verdict(90, 50, 99) == "Open, with too few trials: n = 100"
     assert verdict(50, 50, 90) == "No"
+    five = verdict(100, 100, 100, 50, 100, sizes=(30, 40, 60, 80, 100))
+    assert five == "Only at n = 30 to n = 60, n = 100"
     assert verdict(100, 100, 100, fuel=1.2) == "No"
 
 
