@@ -116,7 +116,7 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 
 MARKS ?= system or not system
 test: $(BIN)/pytest $(BIN)/sphinx-build ## the tests; MARKS="not system" without those that need a browser, servers or kills
-	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m "$(MARKS)" $(COVER)
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 
 coverage: $(BIN)/pytest ## the tests, and the lines of each file that none of them runs
 	rm -f .coverage .coverage.*
