@@ -35,7 +35,7 @@ def parsed(content: bytes) -> Any:
 
 
 def validated(kind: type, fields: Any) -> Any:
-    """The value of a dataclass that fields describe; ValidationError where they do not."""
+    """Validate fields as a dataclass, by pydantic; ValidationError where they do not fit."""
     return _validator(kind).validate_python(fields)
 
 

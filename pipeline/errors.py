@@ -58,7 +58,7 @@ def missing(error: ModuleNotFoundError) -> InputError | None:
 
 @contextmanager
 def told_where(where: object) -> Iterator[None]:
-    """InputErrors in the block begin with the file, or the place, that they are about."""
+    """Prefix InputErrors raised in the block with the file or field that they are about."""
     try:
         yield
     except InputError as error:

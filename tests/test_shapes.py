@@ -112,7 +112,7 @@ def spelt(text: str, content: bytes) -> int:
 
 
 def scaling(k, checking, before=None):
-    """Defines a function anew, which may call another of the same definition first."""
+    """Create a checked function by the same ``def`` each time; it may call an earlier one."""
 
     def scaled(one: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n"]:  # noqa: F821
         return k * one[0] if before is None else k * before(one)

@@ -32,7 +32,9 @@ from pipeline.plan import (
 from pipeline.scenario import Scenario
 
 TRIES = 8  # searches at most, each for another number of standard deviations
-HOPELESS = 10.0  # times the risk asked for at the ends alone; other plans change it by up to two
+# Times the risk asked for, at the ends alone, from which no other plan is sought: plans change that
+# by a factor of up to two.
+HOPELESS = 10.0
 ENOUGH = 0.5  # share of the risk asked for from which a plan is not needlessly safe
 SATURATION = 0.1  # share of it that is left to corrections beyond the thrust limit
 AIM = 0.75  # share of it that the next number of standard deviations is chosen for
@@ -94,8 +96,7 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     problem = plan.scenario.problem
     back_off = BackOff(limit.uncertainty(problem), 0.0, limit.closed_loop)
     tried = [_judged(plan, back_off)]
-    hopeless = tried[0].risk.at_ends.sum() > HOPELESS * limit.asked
-    if plan.status == SOLVED and tried[0].risk.total > limit.asked and not hopeless:
+    if plan.status == SOLVED and tried[0].risk.total > limit.asked:
         tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
     best = min(tried, key=lambda one: _worth(one, limit.asked))
     fuel_without = plan.certificate.fuel if plan.status == SOLVED else None
@@ -125,9 +126,11 @@ def _more_careful(
 
     The risk is modelled as what the ends have, which no plan changes much, and a multiple of the
     tail Q(k); the number is kept between the largest known to be too few and the least that is
-    enough.
+    enough. Where the ends have many times the risk asked for there is nothing to search.
     """
     asked, uncertainty = limit.asked, limit.uncertainty(first.plan.scenario.problem)
+    if first.risk.at_ends.sum() > HOPELESS * asked:
+        return
     held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
     sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
     if first.risk.total - first.risk.saturation <= asked:

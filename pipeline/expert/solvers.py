@@ -90,7 +90,7 @@ def new_highs(**options: Any) -> highspy.Highs:
 
 
 def _run(solver: highspy.Highs, half_spaces: int) -> None:
-    """Run a solver, on a long program in a thread of its own, so that Ctrl-C and SIGTERM end it."""
+    """Run HiGHS; a long program runs in its own thread, so that Ctrl-C and SIGTERM can stop it."""
     if half_spaces < LONG:
         solver.run()
         return

@@ -14,7 +14,7 @@ from forked import Forked
 
 
 def run_script(forked: Forked, script: str, *arguments: object) -> str:
-    """Standard output of a Python script, which can import what supports tests."""
+    """Run a Python script, which can import tests/support, and return its standard output."""
     run = forked.run([*map(str, arguments)], Path.cwd(), code=script)
     assert run.returncode == 0, run.stderr
     return run.stdout

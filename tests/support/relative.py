@@ -141,7 +141,7 @@ def axes(state: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of two vectors (3,), faster than ``np.cross``."""
+    """Cross product of two vectors (3,), faster than ``np.cross``."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 

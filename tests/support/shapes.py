@@ -55,7 +55,7 @@ def remembering(function: FunctionType, checking: Callable[[Function], Function]
 
 
 class Memory:
-    """Which calls were right of a function, or of all that come of one definition."""
+    """Cache of a function's type checks, shared by all functions made by one ``def``."""
 
     def __init__(self, function: FunctionType, checking: Callable[[Function], Function]) -> None:
         # Kinds of arguments, and of results that they had.
@@ -77,7 +77,7 @@ class Memory:
         self.checked = checked
 
     def of(self, function: FunctionType) -> Function:
-        """One of the functions, whose calls are checked."""
+        """Wrap one of these functions so that its calls are checked."""
         right, results, running = self.right, self.results, self.running
         kind_of, checked = self.kind_of, self.checked
 
@@ -141,7 +141,7 @@ class Kinds:
         return look(value) if look else kind
 
     def look(self, kind: type) -> Look | None:
-        """What finds the kinds of values of a type, or None where they have one kind."""
+        """Function that describes a value of a type; None where the type alone describes it."""
         if not {"ndarray", "Tensor"}.isdisjoint(base.__name__ for base in kind.__mro__):
             return array
         if issubclass(kind, type):
@@ -177,7 +177,7 @@ def itself(value: Hashable) -> Hashable:
 
 
 def varying(value: Any) -> Hashable:
-    """Kind of what has items in a way of its own, which annotations may tell more of."""
+    """Kind of other collections, whose items are not looked at: their checks are not cached."""
     return VARIES
 
 

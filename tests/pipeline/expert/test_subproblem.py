@@ -13,13 +13,7 @@ from pipeline.expert.conflicts import ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
-from pipeline.expert.solvers import (
-    LONG,
-    ROWWISE,
-    _highs,
-    _run,
-    by_simplex,
-)
+from pipeline.expert.solvers import LONG, ROWWISE, _highs, _run, by_simplex
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
@@ -165,7 +159,7 @@ def test_a_dual_variable_is_what_a_little_more_separation_costs(solve):
 
 
 def passed(solver, cost, rows, least):
-    """Pass min costᵀx subject to rows x >= least, x >= 0."""
+    """Load the linear program min costᵀx with rows x >= least and x >= 0 into HiGHS."""
     k, n = rows.shape
     solver.passModel(
         *(n, k, k * n, ROWWISE, 1, 0.0, cost, np.zeros(n), np.full(n, np.inf)),
