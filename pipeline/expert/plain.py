@@ -21,7 +21,7 @@ from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
-from pipeline.orbit.transfer import fly, fuel, meet_goal
+from pipeline.orbit.transfer import fly, fuel, meet_goal, step_maps
 from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, Requirements, planned
 from pipeline.scenario import Scenario
 
@@ -45,8 +45,7 @@ class PlainScp:
         self.n, self.problem = n, problem
         self._pairs, T, one = pairs(n), problem.nodes, sparse.eye_array
         self._bounds, states = 3 * n * problem.intervals, 6 * n * T
-        steps = problem.dynamics.step(problem.time_step, np.arange(T - 1))
-        A, B = (np.broadcast_to(one, (T - 1, *one.shape[-2:])) for one in steps)
+        A, B = step_maps(problem)
         ends_first = [0, T - 1, *range(1, T - 1)]
         now, later = (np.eye(T - 1, T, k)[:, ends_first] for k in (0, 1))
         drifted = sparse.block_diag([sparse.kron(each, one(n)) for each in A])

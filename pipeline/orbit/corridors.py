@@ -223,7 +223,7 @@ def margins(
     bound = np.full(len(face), np.inf)
     bound[least] = low[at]
     A, B = problem.dynamics.step(time, k)
-    free, pushed = (np.broadcast_to(one, (len(face), *one.shape[-2:]))[:, :3] for one in (A, B))
+    free, pushed = A[:, :3], B[:, :3]
     there = np.matvec(free, start) + np.matvec(pushed, push)
     margin = np.maximum(offset - np.vecdot(normal, there), bound)
     return Margins(face, k, time, margin, bound, free, pushed)

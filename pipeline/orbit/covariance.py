@@ -241,11 +241,8 @@ def burn_deviation(
     control that has the covariance ``commanded`` C itself, its error has the covariance
     σd² (tr C I - C) + σm² C besides; the larger of both fixed errors counts along every axis.
     """
-    size, along, across = (
-        norm(controls)[..., None, None],
-        uncertainty.magnitude,
-        uncertainty.direction,
-    )
+    size = norm(controls)[..., None, None]
+    along, across = uncertainty.magnitude, uncertainty.direction
     unit = controls[..., :, None] * controls[..., None, :] / np.where(size > 0, size, 1.0)
     root = across * size * np.eye(3) + (along - across) * unit
     fixed = max(uncertainty.magnitude_fixed, uncertainty.direction_fixed) / problem.time_step

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import state_weight, transfer_maps
+from pipeline.orbit.transfer import state_weight, step_maps, transfer_maps
 
 # Orbits within which a deviation is to be nulled. Sooner takes more fuel (0.1: 3.5 % of a plan's
 # instead of 3.2 % in rings of ten, errors of 0.2 m and 1 %), later no less.
@@ -75,8 +75,7 @@ def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
     """
     intervals, gains = problem.intervals, feedback_gains(problem)
     known, count = 6 * (1 + intervals), 9 * intervals + 6
-    steps = problem.dynamics.step(problem.time_step, np.arange(intervals))
-    A, B = (np.broadcast_to(one, (intervals, *one.shape[-2:])) for one in steps)
+    A, B = step_maps(problem)
     states, controls = np.zeros((intervals + 1, 6, count)), np.zeros((intervals, 3, count))
     each = np.arange(6)
     states[0, each, each] = states[0, each, 6 + each] = -1.0  # truth less the estimate

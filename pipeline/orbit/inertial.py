@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
-from pipeline.orbit.arrays import AnyState, Scalar, Vector
+from pipeline.orbit.arrays import AnyState, Rows, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import MU_EARTH
 
@@ -86,7 +86,7 @@ class Elements:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(Rows):
     """LVLH frames of an orbit at some times."""
 
     axes: Float[Array, "*batch 3 3"]  # radial, along-track and cross-track unit vectors as columns

@@ -55,7 +55,7 @@ class Arcs:
         return replace(
             self,
             origin=self.origin[some],
-            frame=Frame(self.frame.axes[some], self.frame.rate[some]),
+            frame=self.frame[some],
             acceleration=self.acceleration[some],
             gradient=self.gradient[some],
             maps=self.maps[some],
@@ -171,7 +171,7 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     frame, gradient = lvlh_frame(origin, acceleration), orbit.gradient(origin)
     local = np.concatenate(
         [
-            _piece_maps(Frame(frame.axes[some], frame.rate[some]), gradient[some], half)
+            _seen_from(frame[some], _inertial_maps(gradient[some], frame.axes[some], half))
             for some in np.array_split(np.arange(len(origin)), 1 + len(origin) // AT_ONCE)
         ]
     )
@@ -199,13 +199,6 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     )
 
 
-def _piece_maps(
-    frame: Frame, gradient: Float[Array, "P q 3 6"], half: float
-) -> Float[Array, "P q 6 9"]:
-    """LVLH state at each point from that at the piece's start and the control."""
-    return _seen_from(frame, _inertial_maps(gradient, frame.axes, half))
-
-
 def _inertial_maps(
     gradient: Float[Array, "P q 3 6"], axes: Float[Array, "P q 3 3"], half: float
 ) -> Float[Array, "P q 6 9"]:
@@ -231,8 +224,7 @@ def _inertial_maps(
 
 def _seen_from(frame: Frame, maps: Float[Array, "P q 6 9"]) -> Float[Array, "P q 6 9"]:
     """The maps from LVLH state and control to LVLH state, from the inertial ones."""
-    first = Frame(frame.axes[:, None, 0], frame.rate[:, None, 0])
-    begin = first.to_inertial(np.eye(6)).mT  # columns: inertial states of LVLH unit states
+    # Columns are the inertial states of LVLH unit states.
+    begin = frame[:, None, 0].to_inertial(np.eye(6)).mT
     inertial = np.concatenate([maps[..., :6] @ begin[:, None], maps[..., 6:]], axis=-1)
-    each = Frame(frame.axes[:, :, None], frame.rate[:, :, None])
-    return each.from_inertial(inertial.mT).mT
+    return frame[:, :, None].from_inertial(inertial.mT).mT

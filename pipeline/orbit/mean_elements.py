@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import Formation, Rows
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.forces import oblateness
 from pipeline.orbit.inertial import lvlh_axes
@@ -29,7 +29,7 @@ ITERATIONS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class PlanarElements:
+class PlanarElements(Rows):
     """Orbits by their shape in axes of their planes, from whose first axis longitudes count."""
 
     axes: Float[Array, "n 3 3"]  # two in the orbital plane, and its normal, as columns

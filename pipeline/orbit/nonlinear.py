@@ -75,16 +75,14 @@ def fly_in_world(
     """
     arcs = _arcs(initial, controls, problem)
     states = np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
-    pieces = arcs.reshape(1, len(initial), -1, *arcs.shape[3:])
-    return states, nearest(pieces, 0.0, problem.duration).separation()
+    return states, nearest(_pieces(arcs), 0.0, problem.duration).separation()
 
 
 def clear_in_world(
     initial: Formation, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> Separation:
     """The least separation of participants in that flight; obstacles have the mean ballistic."""
-    arcs = _arcs_beside(initial, controls, _dynamics(problem), swarms)
-    pieces = arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
+    pieces = _pieces(_arcs_beside(initial, controls, _dynamics(problem), swarms))
     found = nearest_between(pieces, pieces, swarms.pairs, 0.0, problem.duration, swarms)
     return found.separation()
 
@@ -93,8 +91,7 @@ def margin_in_world(
     initial: Formation, controls: Controls, problem: Problem, faces: Faces
 ) -> Nearest:
     """How far inside of corridors craft stay in that flight: ``least_inside``."""
-    arcs = _arcs(initial, controls, problem)
-    pieces = arcs.reshape(1, len(initial), -1, *arcs.shape[3:])
+    pieces = _pieces(_arcs(initial, controls, problem))
     return least_inside(pieces, faces, 0.0, problem.duration)
 
 
@@ -126,11 +123,8 @@ def least_adrift_in_world(
         adrift = flown_arcs(dynamics, states[:, node], idle[:n], ballistics[:n], node)
         for k in range(0, after, AT_ONCE):
             part = slice(k, min(k + AT_ONCE, after))
-            beside = others[:, node + part.start : node + part.stop]
-            lost, met = (
-                arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
-                for arcs in (adrift[:, part], beside)
-            )
+            lost = _pieces(adrift[:, part])
+            met = _pieces(others[:, node + part.start : node + part.stop])
             begin, length = (node + part.start) * h, (part.stop - part.start) * h
             found = nearest_between(lost, met, both, begin, length, swarms).separation()
             if found.pair is not None and found.distance < least.distance:
@@ -166,16 +160,14 @@ def _dynamics(problem: Problem) -> LinearizedDynamics:
     return dynamics
 
 
-def _ballistics(problem: Problem, n: int, participants: int) -> Ballistics:
-    """Of n craft, and the mean of other participants."""
-    orbit = _dynamics(problem).orbit
-    others = np.full(participants - n, orbit.ballistic or 0.0)
-    return np.concatenate([orbit.ballistics(n), others])
-
-
 def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
     dynamics = _dynamics(problem)
     return flown_arcs(dynamics, initial, controls, dynamics.orbit.ballistics(len(initial)))
+
+
+def _pieces(arcs: Float[Array, "n K M q 6"]) -> Float[Array, "1 n pieces q 6"]:
+    """The pieces of all arcs, as of one trial."""
+    return arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
 
 
 def _arcs_beside(

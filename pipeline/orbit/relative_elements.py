@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.inertial import Frame, lvlh_frame
+from pipeline.orbit.inertial import Frame
 from pipeline.orbit.mean_elements import (
     Each,
     PlanarElements,
@@ -63,11 +63,7 @@ def ring_states(
         *(i * np.cos(across), i * np.sin(across)),
     )
     by = np.stack(np.broadcast_arrays(*columns), axis=-1)
-    each = np.zeros(len(by), dtype=int)  # the reference, once for every craft
-    same = PlanarElements(
-        chief.axes[each], size[each], chief.eccentricity[each], chief.longitude[each]
-    )
-    craft = same.changed(by)
+    craft = chief[np.zeros(len(by), dtype=int)].changed(by)  # the reference, once for every craft
     for _ in range(NEWTON):
         ahead = _relative_rate(orbit, craft.states(), mean)
         longer = ahead / (1.5 * craft.mean_motion * np.sqrt(1 - chief.eccentricity_squared))
@@ -100,8 +96,7 @@ def secular_drift(states: Formation, problem: Problem) -> Each:
 @lru_cache(maxsize=32)
 def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Float[Array, "1 6"], Frame]:
     """Inertial state of the reference at the first node, its mean state, and the LVLH frame."""
-    origin = orbit.states(np.zeros(1))
-    frame = lvlh_frame(origin, orbit.acceleration(origin, orbit.ballistic or 0.0))
+    origin, frame = orbit.frames(np.zeros(1))
     return origin, _mean(orbit, origin), frame
 
 

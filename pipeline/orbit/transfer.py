@@ -37,7 +37,7 @@ class TransferMaps:
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
     """The maps of a problem, computed once."""
-    A, B = _steps(problem)
+    A, B = step_maps(problem)
     T, m = problem.nodes, 3 * problem.intervals
     drift = _powers(problem)
     reach = np.zeros((T, 6, m))
@@ -68,7 +68,7 @@ def _powers(problem: Problem) -> Float[Array, "T 6 6"]:
     return np.stack([np.linalg.matrix_power(A, t) for t in range(problem.nodes)])
 
 
-def _steps(problem: Problem) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 6 3"]]:
+def step_maps(problem: Problem) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 6 3"]]:
     """A and B of Eq. 2 of each interval."""
     (A, B), K = _step(problem), problem.intervals
     return np.broadcast_to(A, (K, 6, 6)), np.broadcast_to(B, (K, 6, 3))
