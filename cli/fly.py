@@ -82,6 +82,7 @@ def fly(
         prolearn fly plan.json --trials 1000 --replan feedback
         prolearn fly plan.json --trials 1000 --replan every-node --error lost=1
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
+        prolearn fly plan.json --trials 1000 --world linear --device cuda
     """
     from pipeline.plan.document import read_plan
 
@@ -93,6 +94,8 @@ def fly(
         refuse(context, ("passive_safety",), "with --trials, which have errors; leave it out.")
     if settings.world == "linear":
         refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
+    else:
+        refuse(context, ("device",), "and the nonlinear world has none; add --world linear.")
     with within_memory():
         made = read_plan(plan)
     about = conditions.about(made.scenario)
@@ -122,7 +125,8 @@ def _fly_trials(
 
     scenario, linear = plan.scenario, settings.world == "linear"
     problem = scenario.problem
-    world = LinearWorld(problem.dynamics) if linear else world_of(scenario, conditions)
+    device = settings.device and device_of(settings.device)
+    world = LinearWorld(problem.dynamics, device) if linear else world_of(scenario, conditions)
     errors = errors_of(settings.errors, settings.error or [])
     planner = None
     if settings.replan != "none":
@@ -144,6 +148,13 @@ def _fly_trials(
     if errors.lost > 0:
         echo(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
+
+
+def device_of(name: str) -> str:
+    """The device of torch that a name stands for; InputError where it is not there."""
+    from pipeline.training.loop import training_device
+
+    return str(training_device(name))
 
 
 def errors_of(preset: str, changes: Sequence[str]) -> "Errors":

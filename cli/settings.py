@@ -484,6 +484,9 @@ class FlownTrials:
         "Standard deviations of separations kept beyond r_col then; 3 by default."
     )
     size: float = _trial("Distance of two centres at which craft may touch, m.", default=0.35)
+    device: Literal["auto", "cpu", "cuda"] | None = _trial(
+        "Fly and compare pairs by torch there, in the linear world; by default by numpy."
+    )
     out: Path | None = _trial("Folder; PLAN-flown by default.")
 
 

@@ -1,4 +1,7 @@
-"""The types of arrays that shapes are written on, checked in tests: ``Float[Array, "n T 6"]``."""
+"""The types of arrays that shapes are written on, checked in tests: ``Float[Array, "n T 6"]``.
+
+And functions for numpy's and torch's alike, where what is written once is to run on both.
+"""
 
 import sys
 from typing import TYPE_CHECKING, Any
@@ -6,7 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "ArrayOrNumber", "Bool", "Float", "Float64", "Int", "Shaped"]
+__all__ = [
+    "Array",
+    "ArrayOrNumber",
+    "Bool",
+    "Float",
+    "Float64",
+    "Int",
+    "Shaped",
+    "like",
+    "namespace",
+    "plain",
+    "tensor",
+]
 
 if TYPE_CHECKING:
     Array = npt.NDArray[Any]
@@ -23,3 +38,27 @@ else:
     from typing import Annotated
 
     Bool = Float = Float64 = Int = Shaped = Annotated
+
+
+def namespace(values: Any) -> Any:
+    """The array module of a value: numpy or torch."""
+    return np if isinstance(values, np.ndarray) else sys.modules["torch"]
+
+
+def plain(values: Any) -> Shaped[Array, "..."]:
+    """A contiguous numpy array, as for compiled code: on the CPU, without gradients."""
+    if isinstance(values, np.ndarray):
+        return np.ascontiguousarray(values)
+    return values.detach().cpu().contiguous().numpy()
+
+
+def tensor(values: Any, device: Any) -> Any:
+    """The tensor of an array on a device of torch, which has been imported."""
+    if not isinstance(values, np.ndarray):
+        return values
+    return sys.modules["torch"].from_numpy(np.require(values, requirements="W")).to(device)
+
+
+def like(values: Any, other: Any) -> Any:
+    """An array converted to the module and device of another."""
+    return values if isinstance(other, np.ndarray) else tensor(values, other.device)

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, like, namespace, plain
 from pipeline.flight.world import World
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.nearest import Nearest, nearer, nearest, nearest_between
@@ -81,17 +82,17 @@ class Surroundings:
             states[:, k], states[:, k + 1] = arc[:, 0, 0], arc[:, -1, -1]
         return states
 
-    def encounters(self, arcs: Float[Array, "K n M q 6"], interval: int) -> Encounters:
+    def encounters(self, arcs: Float[Any, "K n M q 6"], interval: int) -> Encounters:
         """The least distances in an interval, by the arcs of the craft of K trials."""
         h = self._scenario.problem.time_step
         when, sized, inside = (interval * h, h), None, None
         if self._swarms is not None:
             there = self._arcs[interval : interval + 1]
             beside = [np.broadcast_to(one, (len(arcs), *one.shape)) for one in there]
-            both = np.concatenate([arcs, *beside], axis=1)
+            both = namespace(arcs).concatenate([arcs, *(like(one, arcs) for one in beside)], axis=1)
             sized = nearest_between(both, both, self._swarms.pairs, *when, self._swarms)
         if len(self._faces):
-            inside = least_inside(arcs, self._faces, *when)
+            inside = least_inside(plain(arcs), self._faces, *when)
         return Encounters(nearest(arcs, *when), sized, inside)
 
 

@@ -5,7 +5,7 @@ from functools import reduce
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.arrays import Array, Bool, Float, Int, plain
 from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.errors import Draws, Errors, Loss, burns_made, lost_thrust, navigation_errors
 from pipeline.flight.world import World
@@ -114,7 +114,7 @@ def _flown(
     """
     arc = world.arc(start.reshape(-1, 6), held.reshape(-1, 3), node)
     arcs = arc.reshape(*start.shape[:2], *arc.shape[1:])
-    end, met = arcs[:, :, -1, -1], around.encounters(arcs, node)
+    end, met = plain(arcs[:, :, -1, -1]), around.encounters(arcs, node)
     for k in np.flatnonzero(loss.node == node + 1).tolist():
         at = float(np.clip(loss.time[k] / h - node, SHORTEST, 1 - SHORTEST))
         after = held[k].copy()
@@ -123,7 +123,7 @@ def _flown(
         second = world.arc(first[:, -1, -1], after, node, (at, 1.0))
         before = nearest(first[None], node * h, at * h)
         least = nearer(before, nearest(second[None], (node + at) * h, (1 - at) * h))
-        end[k] = second[:, -1, -1]
+        end[k] = plain(second[:, -1, -1])
         for name, one in vars(least).items():
             getattr(met.craft, name)[k] = one[0]
     return end, met

@@ -1,11 +1,11 @@
 """Worlds in which a plan is flown: linear motion, and two bodies with J2 and drag."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Float, like, tensor
 from pipeline.errors import InputError
 from pipeline.orbit.chebyshev import NODES, pieces_of
 from pipeline.orbit.dynamics import Dynamics
@@ -14,9 +14,9 @@ from pipeline.orbit.nonlinear import flown_arcs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
-States = Float[Array, "N 6"]
-Held = Float[Array, "N 3"]  # controls
-Arcs = Float[Array, "N M q 6"]  # at Chebyshev points of M pieces, both ends included
+States = Float[Any, "N 6"]
+Held = Float[Any, "N 3"]  # controls
+Arcs = Float[Any, "N M q 6"]  # at Chebyshev points of M pieces, both ends included
 Part = tuple[float, float]  # two shares of an interval, between which it is flown
 
 WHOLE: Part = (0.0, 1.0)
@@ -43,14 +43,18 @@ class World(Protocol):
 
 @dataclass(frozen=True)
 class LinearWorld:
-    """The linear model for which plans are made, by its maps; a ``World``."""
+    """The linear model for which plans are made, by its maps; a ``World``.
+
+    On a device of torch, arcs are tensors there, in float64 as everything.
+    """
 
     dynamics: Dynamics
+    device: str | None = None  # "auto", "cpu" or "cuda"; None for numpy
 
     @property
     def of_obstacles(self) -> "LinearWorld":
-        """As ``World.of_obstacles``."""
-        return self
+        """As ``World.of_obstacles``, without the device, which few craft are not worth."""
+        return replace(self, device=None)
 
     def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
         """As ``World.arc``."""
@@ -59,8 +63,16 @@ class LinearWorld:
         pieces = pieces_of(self.dynamics.fastest * h)
         share = (np.arange(pieces)[:, None] + (1 + NODES) / 2) / pieces
         A, B = self.dynamics.step(h * share, interval, begin)
-        # The points of a craft are one product, of the same size however many craft there are.
-        flown = np.matvec(A.reshape(-1, 6), states) + np.matvec(B.reshape(-1, 3), controls)
+        of_state, of_control = A.reshape(-1, 6), B.reshape(-1, 3)
+        if self.device is None:
+            # The points of a craft are one product, of the same size however many craft there are.
+            flown = np.matvec(of_state, states) + np.matvec(of_control, controls)
+        else:
+            from pipeline.training.loop import training_device
+
+            there = training_device(self.device)
+            states, controls = tensor(states, there), tensor(controls, there)
+            flown = states @ like(of_state, states).T + controls @ like(of_control, states).T
         return flown.reshape(len(states), *A.shape[:-1])
 
 

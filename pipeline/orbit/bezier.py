@@ -1,10 +1,11 @@
 """Cubic Bezier curves, and their least distance from the origin by branch and bound."""
 
 from math import comb
+from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, ArrayOrNumber, Float, Int
+from pipeline.arrays import Array, Float, Int, namespace
 
 # Rows are mapped one by one: what a matrix product rounds depends on how many rows there are, and
 # no plan is to depend on what is planned beside it.
@@ -57,9 +58,11 @@ def _equal_parts(count: int) -> Float[Array, "_ 4"]:
 EQUAL_PARTS = _equal_parts(4)
 
 
-def norm(a: Float[Array, "*batch d"]) -> Float[ArrayOrNumber, "*batch"]:
-    """Length of vectors."""
-    return np.sqrt(np.vecdot(a, a))
+def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
+    """Length of vectors; of tensors too."""
+    if isinstance(a, np.ndarray):
+        return np.sqrt(np.vecdot(a, a))
+    return namespace(a).linalg.vector_norm(a, dim=-1)
 
 
 def powers(a: Float[Array, "*batch"], count: int) -> Float[Array, "*batch _"]:

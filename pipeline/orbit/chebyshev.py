@@ -1,11 +1,12 @@
 """Polynomials through Chebyshev-Lobatto points: their integrals, derivatives and bounds."""
 
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, like
 
 POINTS = 12  # of a piece, both ends included
 CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres
@@ -31,12 +32,12 @@ def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:
 
 
 def most_derivative(
-    values: Float[Array, "*batch q d"], order: int, half: float
-) -> Float[Array, "*batch d"]:
-    """Upper bound on a derivative's size over a piece, from values at its points.
+    values: Float[Any, "*batch q d"], order: int, half: float
+) -> Float[Any, "*batch d"]:
+    """Upper bound on a derivative's size over a piece, from values at its points; tensors too.
 
     The sum of the absolute Chebyshev coefficients, since no Chebyshev polynomial exceeds 1. A piece
     takes twice ``half``, s.
     """
-    found: Float[Array, "*batch d"] = np.abs(DERIVATIVES[order] @ values).sum(axis=-2)
+    found = abs(like(DERIVATIVES[order], values) @ values).sum(axis=-2)
     return found / half**order

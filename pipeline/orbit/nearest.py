@@ -6,10 +6,11 @@ same (``orbit.bezier``).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, Int
+from pipeline.arrays import Array, Float, Int, like, namespace, plain
 from pipeline.orbit.approaches import TOLERANCE, Pairs, SwarmPartition, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
@@ -38,7 +39,7 @@ class Nearest:
         return Separation(distance, bound, pair, float(self.time[trial]))
 
 
-def nearest(states: Float[Array, "trials n pieces q 6"], start: float, duration: float) -> Nearest:
+def nearest(states: Float[Any, "trials n pieces q 6"], start: float, duration: float) -> Nearest:
     """The least separation at any time of an arc, from states at its pieces' Chebyshev points.
 
     Each piece is cut into stretches. On one of length h a pair's relative position is its cubic
@@ -46,14 +47,15 @@ def nearest(states: Float[Array, "trials n pieces q 6"], start: float, duration:
     bound. Nothing is sampled: states only say which pairs and stretches cannot matter.
 
     The arc begins at ``start``, s since the plan's first node, and takes ``duration``, s; its
-    pieces are of one length. States are LVLH, m and m/s.
+    pieces are of one length. States are LVLH, m and m/s. Where they are tensors of torch, the few
+    stretches that may matter are found on their device, and searched here.
     """
     return nearest_between(states, states, pairs(states.shape[1]), start, duration)
 
 
 def nearest_between(
-    states: Float[Array, "trials n pieces q 6"],
-    others: Float[Array, "trials m pieces q 6"],
+    states: Float[Any, "trials n pieces q 6"],
+    others: Float[Any, "trials m pieces q 6"],
     both: Pairs,
     start: float,
     duration: float,
@@ -66,14 +68,17 @@ def nearest_between(
     half = duration / pieces / 2
     h = 2 * half / CUBICS
     motions = (states,) if others is states else (states, others)
-    ends = tuple(ENDS @ each for each in motions)
+    ends = tuple(like(ENDS, each) @ each for each in motions)
     scale, beyond = (None, 0.0) if swarms is None else swarms.asked(*both)
     off = np.broadcast_to(beyond, len(both[0]))
-    within, trial, pair, piece, cubic = _candidates(motions, ends, both, half, (scale, off))
+    i, j, *sizes = (like(one, states) for one in (*both, scale, off))
+    found = _candidates(motions, ends, (i, j), half, (sizes[0], sizes[1]))
+    within, trial, pair, piece, cubic = map(plain, found)
     i, j, off = (one[pair] for one in (*both, off))
-    apart = states[trial, i, piece] - others[trial, j, piece]
+    apart = plain(states[trial, i, piece] - others[trial, j, piece])
     begin, end = (
-        ends[0][trial, i, piece, cubic + k] - ends[-1][trial, j, piece, cubic + k] for k in (0, 1)
+        plain(ends[0][trial, i, piece, cubic + k] - ends[-1][trial, j, piece, cubic + k])
+        for k in (0, 1)
     )
     remainder = h**4 / 384 * norm(most_derivative(apart[..., 3:], 3, half))
     curve, reach = hermite_bezier(begin, end, h), within[trial] + off
@@ -107,14 +112,12 @@ def nearer(one: Nearest, other: Nearest) -> Nearest:
 
 
 def _candidates(
-    motions: tuple[Float[Array, "trials _ pieces q 6"], ...],
-    ends: tuple[Float[Array, "trials _ pieces ends 6"], ...],
-    both: Pairs,
+    motions: tuple[Float[Any, "trials _ pieces q 6"], ...],
+    ends: tuple[Float[Any, "trials _ pieces ends 6"], ...],
+    both: tuple[Int[Any, "p"], Int[Any, "p"]],
     half: float,
-    sizes: tuple[Float[Array, "p 3"] | None, Float[Array, "p"]],
-) -> tuple[
-    Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]
-]:
+    sizes: tuple[Float[Any, "p 3"] | None, Float[Any, "p"]],
+) -> tuple[Float[Any, "trials"], Int[Any, "k"], Int[Any, "k"], Int[Any, "k"], Int[Any, "k"]]:
     """Each trial's least separation at ends of cubics; trial, pair, piece and cubic that may pass.
 
     Motions are of craft and others; one alone is of both.
@@ -135,22 +138,26 @@ def _candidates(
     if scale is not None:
         gap *= scale[pair, None]
     apart = norm(gap) - off[pair, None]
-    np.minimum.at(within, trial, apart.min(axis=1))
-    path = norm(np.diff(here, axis=1)) + 2 * deviation[trial, i, piece][:, None]
-    path += norm(np.diff(there, axis=1)) + 2 * other_deviation[trial, j, piece][:, None]
+    xp = namespace(apart)
+    if xp is np:
+        np.minimum.at(within, trial, apart.min(axis=1))
+    else:
+        within.scatter_reduce_(0, trial, apart.amin(axis=1), "amin")
+    path = norm(here[:, 1:] - here[:, :-1]) + 2 * deviation[trial, i, piece][:, None]
+    path += norm(there[:, 1:] - there[:, :-1]) + 2 * other_deviation[trial, j, piece][:, None]
     least = (apart[:, :-1] + apart[:, 1:] - path) / 2
-    which, cubic = np.nonzero(least <= within[trial, None])
+    which, cubic = xp.where(least <= within[trial, None])
     return within, trial[which], pair[which], piece[which], cubic
 
 
 def _near(
-    position: Float[Array, "trials _ pieces ends 3"],
-    deviation: Float[Array, "trials _ pieces"],
-    other_position: Float[Array, "trials _ pieces ends 3"],
-    other_deviation: Float[Array, "trials _ pieces"],
-    both: Pairs,
-    sizes: tuple[Float[Array, "p 3"] | None, Float[Array, "p"]],
-) -> tuple[Float[Array, "trials"], Int[Array, "k"], Int[Array, "k"], Int[Array, "k"]]:
+    position: Float[Any, "trials _ pieces ends 3"],
+    deviation: Float[Any, "trials _ pieces"],
+    other_position: Float[Any, "trials _ pieces ends 3"],
+    other_deviation: Float[Any, "trials _ pieces"],
+    both: tuple[Int[Any, "p"], Int[Any, "p"]],
+    sizes: tuple[Float[Any, "p 3"] | None, Float[Any, "p"]],
+) -> tuple[Float[Any, "trials"], Int[Any, "k"], Int[Any, "k"], Int[Any, "k"]]:
     """Each trial's least separation at ends of pieces; trial, pair and piece that may pass it.
 
     A pair's chord over a piece from one relative position to another is never nearer than half of
@@ -163,7 +170,8 @@ def _near(
         begin, end = begin * scale[:, None], end * scale[:, None]
     first, last = norm(begin), norm(end)
     away = CUBICS**2 * (deviation[:, i] + other_deviation[:, j]) + off[:, None]
-    within: Float[Array, trials] = (np.minimum(first, last) - off[:, None]).min(axis=(1, 2))
+    xp = namespace(first)
+    within = xp.amin(xp.minimum(first, last) - off[:, None], axis=(1, 2))
     least = (first + last - norm(end - begin)) / 2 - away
-    trial, pair, piece = np.nonzero(least <= within[:, None, None] + TOLERANCE)
+    trial, pair, piece = xp.where(least <= within[:, None, None] + TOLERANCE)
     return within, trial, pair, piece

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.dataset
 import pytest
+import torch
 from forked import LEAD
 from scipy.stats import binom
 
@@ -196,6 +197,21 @@ def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn
     assert feedback["goal_error_median"] < open_loop["goal_error_median"] / 5
 
 
+def test_on_a_device_the_table_is_the_same_and_a_folder_is_of_one_device(prolearn, plan, tmp_path):
+    linear = "fly", "plan.json", *TRIALS, "--world", "linear", "--replan", "feedback", "--json"
+    told = prolearn(*linear), prolearn(*linear, "--device", "cpu", "--out", "there")
+    one, other = (json.loads(done.stdout)["loops"] for done in told)
+    for here, there in zip(one, other, strict=True):
+        assert here.keys() == there.keys()
+        for name, value in here.items():
+            number = value is not None and not isinstance(value, str)
+            expected = pytest.approx(value, rel=1e-9, abs=1e-12) if number else value
+            assert there[name] == expected, name
+    refused = prolearn(*linear, "--out", "there")
+    assert refused.returncode == 2
+    assert "was begun with world.device = cpu, now it is None" in refused.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -203,6 +219,9 @@ def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn
         (["--trials", "9", "--sigmas", "1"], "--sigmas is given and nobody plans anew"),
         (["--trials", "9", "--error", "speed=1"], "--error is 'speed=1'; expected NAME=VALUE"),
         (["--trials", "9", "--world", "linear", "--no-j2"], "--no-j2 is given and the linear"),
+        (["--device", "cpu"], "--device is given without --trials"),
+        (["--trials", "9", "--device", "cpu"], "--device is given and the nonlinear world has"),
+        (["--trials", "9", "--world", "linear", "--device", "cuda"], "expected auto, or one of"),
         (["--trials", "9", "--size", "nan"], "--size is nan; expected a number from 0 to"),
         (["--trials", "9", "--out", "plan.json"], "--out is the file plan.json; expected a folder"),
         (["--trials", "9", "--replan", "every-node", "--planner", "me"], "planner is 'me'"),
@@ -211,6 +230,8 @@ def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn
 def test_bad_input_is_one_sentence_and_nothing_is_written(
     prolearn, plan, tmp_path, arguments, sentence
 ):
+    if "cuda" in arguments and torch.cuda.is_available():
+        pytest.skip("the device is there")
     done = prolearn("fly", "plan.json", *arguments)
     assert done.returncode == 2
     assert sentence in done.stderr

@@ -7,26 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int, Shaped
-
-
-def namespace(values: Any) -> Any:
-    """The array module of a value: numpy or torch."""
-    return np if isinstance(values, np.ndarray) else sys.modules["torch"]
-
-
-def plain(values: Any) -> Shaped[Array, "..."]:
-    """A contiguous numpy array for compiled code: on the CPU, without gradients."""
-    if isinstance(values, np.ndarray):
-        return np.ascontiguousarray(values)
-    return values.detach().cpu().contiguous().numpy()
-
-
-def like(values: Any, other: Any) -> Any:
-    """An array converted to the module and device of another."""
-    if isinstance(other, np.ndarray) or not isinstance(values, np.ndarray):
-        return values
-    return sys.modules["torch"].from_numpy(values).to(other.device)
+from pipeline.arrays import Array, Bool, Float, Int, Shaped, like, namespace, plain
 
 
 def constant(values: Any) -> Any:

@@ -17,8 +17,8 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import njit
 
-from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.networks.refiner.arrays import constant, like, namespace, plain, rows, where
+from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
+from pipeline.networks.refiner.arrays import constant, rows, where
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 

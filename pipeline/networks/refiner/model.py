@@ -26,15 +26,12 @@ import numpy as np
 from numba import njit
 from safetensors.numpy import load as arrays_from
 
-from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner.arrays import (
     cast,
     constant,
-    like,
-    namespace,
-    plain,
     rows,
     self_adjoint,
     sigmoid,

@@ -17,9 +17,9 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import njit
 
-from pipeline.arrays import Array, Float, Int
+from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
-from pipeline.networks.refiner.arrays import constant, like, plain, rows
+from pipeline.networks.refiner.arrays import constant, rows
 from pipeline.networks.refiner.geometry import Grid
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem

@@ -14,12 +14,11 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
 
-from pipeline.arrays import Float
+from pipeline.arrays import Float, plain
 from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, Recipe
-from pipeline.networks.refiner.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
     PLANE_DISTANCE,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.networks.refiner.arrays import plain
+from pipeline.arrays import plain
 from pipeline.networks.refiner.model import aggregate
 from pipeline.networks.refiner.programs import sides_of
 

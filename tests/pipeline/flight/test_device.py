@@ -1,0 +1,73 @@
+"""Trials by tensors of torch against the same by numpy; a GPU is another name of the device."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.expert import solve
+from pipeline.flight.errors import COLD_GAS
+from pipeline.flight.loops import Loop, fly_loops
+from pipeline.flight.world import LinearWorld
+from pipeline.orbit.corridors import Box, Corridor
+from pipeline.orbit.participants import Obstacle
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.scenario import draw
+from pipeline.scenario.spacecraft import Spacecraft
+
+LOSING = replace(COLD_GAS, lost=0.5)  # some in mid-burn, which are flown in two parts
+ECCENTRIC = ReferenceOrbit.of_mean(
+    semi_major_axis=7e6,
+    eccentricity=0.02,
+    inclination_deg=60.0,
+    raan_deg=0.0,
+    argument_of_perigee_deg=90.0,
+    argument_of_latitude_deg=0.0,
+    j2=True,
+)
+NEAR = {"min_separation_time": 1e-4, "min_clearance_time": 1e-4}
+"""Seconds to which times agree, as distances hardly differ about the least."""
+
+
+def check_same(scenario, errors, trials):
+    plan, dynamics = solve(scenario), scenario.problem.dynamics
+    loops = [Loop("open loop", plan.controls), Loop("feedback", plan.controls, plan.states)]
+    flown = [
+        fly_loops(scenario, LinearWorld(dynamics, device), errors, loops, trials, seed=7)
+        for device in (None, "cpu")
+    ]
+    for loop in loops:
+        here, there = (found[loop.name] for found in flown)
+        assert here.keys() == there.keys()
+        for name, values in here.items():
+            off = NEAR.get(name, 1e-9)
+            np.testing.assert_allclose(there[name], values, rtol=1e-9, atol=off, err_msg=name)
+
+
+@pytest.mark.parametrize("family", ["rings", "dense", "rotation"])
+@pytest.mark.parametrize(("n", "trials"), [(10, 120), (30, 60)])
+def test_on_a_device_trials_are_those_of_numpy(n, trials, family):
+    check_same(draw(family, 0, n, 0, Problem(), "test"), LOSING, trials)
+
+
+def test_also_about_an_orbit_that_is_no_circle():
+    check_same(draw("rings", 0, 6, 0, Problem().about(ECCENTRIC), "test"), LOSING, 20)
+
+
+def test_also_of_craft_with_radii_beside_obstacles_and_in_corridors():
+    alike = draw("rings", 0, 6, 0, Problem())
+    debris = Obstacle("debris", (30.0, -80.0, 20.0, 0.0, 60 * -Problem.mean_motion, 0.01), 10.0)
+    room = Corridor(Box((-320.0, -640.0, -320.0), (320.0, 640.0, 320.0)), 130.0, 1110.0)
+    craft = tuple(Spacecraft(radius=r) for r in (3.0, 5.0, 7.5, 12.0, 3.0, 20.0))
+    unlike = replace(alike, craft=craft, obstacles=(debris,), corridors=(room,))
+    check_same(unlike, COLD_GAS, 20)
+
+
+def test_arcs_are_in_float64_on_the_device_and_a_device_that_is_not_there_is_refused():
+    problem = Problem()
+    arc = LinearWorld(problem.dynamics, "cpu").arc(np.ones((2, 6)), np.zeros((2, 3)), 0)
+    assert (str(arc.dtype), arc.device.type) == ("torch.float64", "cpu")
+    with pytest.raises(InputError, match="expected auto"):
+        LinearWorld(problem.dynamics, "cuda:99").arc(np.ones((2, 6)), np.zeros((2, 3)), 0)
