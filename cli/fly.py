@@ -125,7 +125,11 @@ def _fly_trials(
 
     scenario, linear = plan.scenario, settings.world == "linear"
     problem = scenario.problem
-    device = settings.device and device_of(settings.device)
+    device = None
+    if settings.device is not None:
+        from pipeline.networks.device import torch_device
+
+        device = str(torch_device(settings.device))
     world = LinearWorld(problem.dynamics, device) if linear else world_of(scenario, conditions)
     errors = errors_of(settings.errors, settings.error or [])
     planner = None
@@ -148,13 +152,6 @@ def _fly_trials(
     if errors.lost > 0:
         echo(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
-
-
-def device_of(name: str) -> str:
-    """The device of torch that a name stands for; InputError where it is not there."""
-    from pipeline.training.loop import training_device
-
-    return str(training_device(name))
 
 
 def errors_of(preset: str, changes: Sequence[str]) -> "Errors":

@@ -485,7 +485,7 @@ class FlownTrials:
     )
     size: float = _trial("Distance of two centres at which craft may touch, m.", default=0.35)
     device: Literal["auto", "cpu", "cuda"] | None = _trial(
-        "Fly and compare pairs by torch there, in the linear world; by default by numpy."
+        "Compute trials by torch on it, in the linear world; by numpy if not given."
     )
     out: Path | None = _trial("Folder; PLAN-flown by default.")
 

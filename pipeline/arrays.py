@@ -1,6 +1,7 @@
-"""The types of arrays that shapes are written on, checked in tests: ``Float[Array, "n T 6"]``.
+"""Array types for shape annotations, ``Float[Array, "n T 6"]``, and functions for numpy and torch.
 
-And functions for numpy's and torch's alike, where what is written once is to run on both.
+Tests check the shapes. The functions let code that is written once run on numpy arrays and on torch
+tensors; who has a tensor has imported torch.
 """
 
 import sys
@@ -41,24 +42,24 @@ else:
 
 
 def namespace(values: Any) -> Any:
-    """The array module of a value: numpy or torch."""
+    """Library of an array: numpy or torch."""
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
 def plain(values: Any) -> Shaped[Array, "..."]:
-    """A contiguous numpy array, as for compiled code: on the CPU, without gradients."""
+    """Contiguous numpy array of an array or tensor, detached from gradients, for compiled code."""
     if isinstance(values, np.ndarray):
         return np.ascontiguousarray(values)
     return values.detach().cpu().contiguous().numpy()
 
 
 def tensor(values: Any, device: Any) -> Any:
-    """The tensor of an array on a device of torch, which has been imported."""
+    """Torch tensor of an array on a device; a tensor is returned as it is."""
     if not isinstance(values, np.ndarray):
         return values
     return sys.modules["torch"].from_numpy(np.require(values, requirements="W")).to(device)
 
 
 def like(values: Any, other: Any) -> Any:
-    """An array converted to the module and device of another."""
+    """Array in the library of another array, numpy or torch, and on its device."""
     return values if isinstance(other, np.ndarray) else tensor(values, other.device)

@@ -47,7 +47,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_unconfigure() -> None:
-    """Look once for what was left open, and not five times through all that is in memory."""
+    """Collect garbage once and freeze the rest, since pytest then collects many times over."""
     gc.collect()
     gc.freeze()
 

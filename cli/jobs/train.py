@@ -17,6 +17,7 @@ from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.experiments.trials import Comparison, EvaluatedPlanner, run_trials
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.architecture import changed_recipe
+from pipeline.networks.device import torch_device
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers, check_worker
@@ -27,7 +28,7 @@ from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
 from pipeline.text import public_url
 from pipeline.training.data import sources
-from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train, training_device
+from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train
 from registry import models
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
@@ -75,7 +76,7 @@ def trained_before(
     }
     connect()
     same = recorded(wanted).items()
-    kind = "" if settings.device == "auto" else training_device(settings.device).type
+    kind = "" if settings.device == "auto" else torch_device(settings.device).type
     found = [
         (version, changed_since(version.tags, TRAINED_BY))
         for version in models.list_versions()

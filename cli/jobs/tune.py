@@ -14,12 +14,13 @@ from pipeline.dataset.examples import ExampleSource
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.networks.architecture import find, recipe_for, unused_fields
+from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import MOST, Recipe
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.training.data import sources
-from pipeline.training.loop import POSITION_RMSE, position_rmse, train, training_device
+from pipeline.training.loop import POSITION_RMSE, position_rmse, train
 from pipeline.training.search import complete, open_study, suggested
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags
@@ -66,7 +67,7 @@ class RecipeSearch:
         how, r = self.settings, self.recipe
         code = json.dumps(dict(made_with(*TRAINED_BY)), sort_keys=True)
         versions = hashlib.sha256(code.encode()).hexdigest()[:8]
-        run = f"{r.epochs}ep-{training_device(how.device)}-seed{how.seed}"
+        run = f"{r.epochs}ep-{torch_device(how.device)}-seed{how.seed}"
         digest = self.dataset.digest[:12]
         return f"{how.arch}-{r.name}-n{self.learn.n}-{run}-{digest}-{versions}"
 

@@ -24,7 +24,7 @@ WHOLE: Part = (0.0, 1.0)
 
 @runtime_checkable
 class World(Protocol):
-    """How craft really move, each on its own.
+    """True motion of craft in flight, each on its own.
 
     States are x y z vx vy vz in the LVLH frame of the reference orbit, m and m/s; controls are
     accelerations along its axes, m/s², held constant there.
@@ -38,14 +38,14 @@ class World(Protocol):
 
     @property
     def of_obstacles(self) -> "World":
-        """The same for what is no craft of the swarm, which has its mean coefficient of drag."""
+        """The same world for obstacles, which have the mean ballistic coefficient of the craft."""
 
 
 @dataclass(frozen=True)
 class LinearWorld:
-    """The linear model for which plans are made, by its maps; a ``World``.
+    """Motion by the linear model for which plans are made; a ``World``.
 
-    On a device of torch, arcs are tensors there, in float64 as everything.
+    With a device, arcs are torch tensors on it, in float64.
     """
 
     dynamics: Dynamics
@@ -53,7 +53,7 @@ class LinearWorld:
 
     @property
     def of_obstacles(self) -> "LinearWorld":
-        """As ``World.of_obstacles``, without the device, which few craft are not worth."""
+        """As ``World.of_obstacles``, by numpy: obstacles are few."""
         return replace(self, device=None)
 
     def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
@@ -68,9 +68,9 @@ class LinearWorld:
             # The points of a craft are one product, of the same size however many craft there are.
             flown = np.matvec(of_state, states) + np.matvec(of_control, controls)
         else:
-            from pipeline.training.loop import training_device
+            from pipeline.networks.device import torch_device
 
-            there = training_device(self.device)
+            there = torch_device(self.device)
             states, controls = tensor(states, there), tensor(controls, there)
             flown = states @ like(of_state, states).T + controls @ like(of_control, states).T
         return flown.reshape(len(states), *A.shape[:-1])

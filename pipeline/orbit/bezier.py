@@ -59,7 +59,7 @@ EQUAL_PARTS = _equal_parts(4)
 
 
 def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
-    """Length of vectors; of tensors too."""
+    """Euclidean norm along the last axis of an array or tensor."""
     if isinstance(a, np.ndarray):
         return np.sqrt(np.vecdot(a, a))
     return namespace(a).linalg.vector_norm(a, dim=-1)

@@ -61,7 +61,7 @@ def nearest_between(
     duration: float,
     swarms: SwarmPartition | None = None,
 ) -> Nearest:
-    """The same between craft and others, of which pairs are given; by sizes where these differ."""
+    """As ``nearest``, for given pairs of craft and others; by the sizes of a partition if given."""
     trials, _, pieces, _, _ = states.shape
     if len(both[0]) == 0:
         return nowhere(trials)

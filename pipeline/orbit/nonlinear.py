@@ -166,7 +166,7 @@ def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Arr
 
 
 def _pieces(arcs: Float[Array, "n K M q 6"]) -> Float[Array, "1 n pieces q 6"]:
-    """The pieces of all arcs, as of one trial."""
+    """Arcs as the batch of one trial, with the pieces of all intervals along one axis."""
     return arcs.reshape(1, len(arcs), -1, *arcs.shape[3:])
 
 

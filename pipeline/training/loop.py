@@ -15,8 +15,9 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from pipeline.arrays import Float
 from pipeline.dataset.examples import ExampleSource
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import ProlearnError
 from pipeline.networks.architecture import Architecture, find
+from pipeline.networks.device import torch_device
 from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import COSINE, Recipe
@@ -24,8 +25,6 @@ from pipeline.progress import SILENT, Progress
 from pipeline.training.data import Batches, Preparation, Prepared, batches, check_examples
 
 VALIDATION_BATCH = 256  # instances whose validation score is computed at once
-
-DEVICES = ("cpu", "cuda", "mps")
 
 POSITION_RMSE = "valid_position_rmse"
 """The metric of a training that ``position_rmse`` gives on its validation data."""
@@ -127,7 +126,7 @@ def train(
     that cannot be used. ProlearnError where loss or score cease to be finite numbers.
     """
     started = time.perf_counter()
-    architecture, where = find(arch), training_device(device)
+    architecture, where = find(arch), torch_device(device)
     check_examples(train, valid)
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
     with _seeded(seed, where):
@@ -192,24 +191,6 @@ def _seeded(seed: int, device: torch.device) -> Iterator[None]:
     with torch.random.fork_rng(devices=devices, device_type=kind):
         torch.manual_seed(seed)
         yield
-
-
-def training_device(name: str) -> torch.device:
-    """The device of a name, "auto" CUDA where there is one; InputError where there is none."""
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        device = torch.device(name)
-        if device.type not in DEVICES:
-            raise RuntimeError("nothing is trained on such a device")
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"device is {name!r} ({reason}); expected auto, or one of {', '.join(DEVICES)} that "
-            "this machine has."
-        ) from error
-    return device
 
 
 def position_rmse(model: Model, examples: ExampleSource) -> float:

@@ -1,4 +1,4 @@
-"""Trials by tensors of torch against the same by numpy; a GPU is another name of the device."""
+"""Monte Carlo trials computed by torch have the results of numpy; here on the CPU."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ ECCENTRIC = ReferenceOrbit.of_mean(
     j2=True,
 )
 NEAR = {"min_separation_time": 1e-4, "min_clearance_time": 1e-4}
-"""Seconds to which times agree, as distances hardly differ about the least."""
+"""Absolute tolerances of times, s: near its least a distance hardly changes."""
 
 
 def check_same(scenario, errors, trials):

@@ -11,9 +11,10 @@ from torch import nn
 from pipeline.dataset.examples import Examples
 from pipeline.errors import InputError
 from pipeline.networks.architecture import recipe_for
+from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import RECIPES
 from pipeline.orbit.problem import Problem
-from pipeline.training.loop import train, training_device
+from pipeline.training.loop import train
 
 HIDDEN = {
     "ff1": [180],
@@ -206,11 +207,11 @@ def test_numbers_that_nothing_can_be_trained_with_are_refused_by_name(change):
 
 
 def test_devices_are_found_by_name():
-    assert training_device("cpu").type == "cpu"
-    assert training_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
+    assert torch_device("cpu").type == "cpu"
+    assert torch_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
 
 
 @pytest.mark.parametrize("name", ["gpu", "", "meta", "cuda:99", "cpu:x"])
 def test_a_device_that_is_not_there_is_refused(name):
     with pytest.raises(InputError, match="expected auto"):
-        training_device(name)
+        torch_device(name)
