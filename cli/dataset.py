@@ -8,7 +8,7 @@ import typer
 from cli.options import given_options, refuse, with_settings, workers_of
 from cli.output import echo, print_json, stdout_for_document
 from cli.progress import progress
-from cli.settings import AsJson, Family, ProblemSettings, Separation, WorkerSettings, flag, option
+from cli.settings import AsJson, Family, FolderWorkers, ProblemSettings, Separation, flag, option
 from pipeline.errors import InputError
 from pipeline.text import public_url
 
@@ -39,7 +39,7 @@ def sample(
         str | None,
         option("Instead of --altitude: an orbit's fields as in scenario.json.", metavar="JSON"),
     ] = None,
-    workers: WorkerSettings,
+    workers: FolderWorkers,
 ) -> None:
     """Draw scenarios into a dataset folder.
 
@@ -88,7 +88,7 @@ def _orbit(text: str) -> "ReferenceOrbit":
 def solve(
     context: typer.Context,
     folder: Folder,
-    workers: WorkerSettings,
+    workers: FolderWorkers,
     separation: Separation = "continuous",
     solver: Annotated[
         Literal["simplex", "clarabel"],
@@ -115,7 +115,7 @@ def make(
     *,
     preset: Annotated[Literal["demo", "paper"], option("Which dataset.")] = "paper",
     out: Annotated[str | None, option("Dataset folder or URL; data/PRESET by default.")] = None,
-    workers: WorkerSettings,
+    workers: FolderWorkers,
 ) -> None:
     """Sample and solve all that the experiments need.
 
@@ -180,7 +180,7 @@ def verify(
     context: typer.Context,
     folder: Folder,
     *,
-    workers: WorkerSettings,
+    workers: FolderWorkers,
     mend: Annotated[
         bool,
         flag(

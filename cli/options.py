@@ -146,6 +146,7 @@ def workers_of(context: typer.Context, settings: "WorkerSettings") -> "Workers":
     scheduler, wait = settings.scheduler, settings.scheduler_wait
     if settings.backend == "loky":
         values = {"scheduler": public_url(scheduler), "scheduler_wait": f"{wait or 0:g}"}
+        values["shared"] = "given"
         for name, option_ in given_options(context).items():
             if name in values:
                 raise InputError(
@@ -158,4 +159,5 @@ def workers_of(context: typer.Context, settings: "WorkerSettings") -> "Workers":
             "backend is 'dask' and no scheduler is given; expected its address: "
             "--scheduler tcp://HOST:8786."
         )
-    return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait)
+    shared = getattr(settings, "shared", False)
+    return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait, shared)

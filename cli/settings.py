@@ -179,6 +179,17 @@ class WorkerSettings:
 
 
 @dataclass(frozen=True)
+class FolderWorkers(WorkerSettings):
+    """The processes that work on the shards of a folder."""
+
+    shared: bool = setting(
+        "Dask's workers reach the folder, too, and read and write shards themselves.",
+        "--shared",
+        default=False,
+    )
+
+
+@dataclass(frozen=True)
 class RunSettings(WorkerSettings):
     """Settings of every experiment: workers, reuse of an earlier run, and printed output."""
 

@@ -132,7 +132,7 @@ def complete(
     ledger: Ledger[Manifest], workers: Workers, progress: Progress, leave: Collection[str] = ()
 ) -> None:
     """Draw or solve what is missing or damaged, except for the shards of files in ``leave``."""
-    folder, manifest = ledger.folder, ledger.manifest
+    manifest = ledger.manifest
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
     lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if lost:
@@ -141,8 +141,7 @@ def complete(
     if manifest.solve:
         wanted = [s for s in shards if not _is_done(ledger, s)]
         wanted.reverse()  # the largest swarms take longest: they first
-        load = lambda shard: folder.read(shard.scenarios)  # noqa: E731
-        write_shards(ledger, _solved, wanted, workers, progress, load)
+        write_shards(ledger, _solved, wanted, workers, progress, lambda shard: shard.scenarios)
 
 
 def _begin_solving(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:

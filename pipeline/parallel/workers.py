@@ -2,6 +2,8 @@
 
 Workers are given values and give values back: they touch no file, so that a killed one leaves
 nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
+Where they share its storage and are told so, they read and write shards themselves
+(pipeline/storage/shared.py), since one process cannot carry the bytes of hundreds.
 """
 
 import functools
@@ -36,6 +38,7 @@ class Workers:
     jobs: int = -1
     scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
     scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
+    shared: bool = False  # whether they reach folders of shards, to read and write there themselves
 
     def __post_init__(self) -> None:
         if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:

@@ -5,9 +5,10 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from itertools import count
 from pathlib import Path
 from time import monotonic
@@ -18,12 +19,13 @@ from filelock import FileLock, Timeout
 
 from pipeline import storage
 from pipeline.documents import parsed, with_checksum, without_checksum
-from pipeline.errors import InputError, ProlearnError
+from pipeline.errors import InputError, ProlearnError, told_where
 from pipeline.files import unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
-from pipeline.storage.folder import Folder
-from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode
+from pipeline.storage.folder import Folder, Stamp
+from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode, read_sound
+from pipeline.storage.shared import Shared, shared
 
 TIMED_SCHEMA = "prolearn.timings/1"
 COMMIT_SHARE = 0.1  # most of the time that may go into commits of the manifest
@@ -109,28 +111,35 @@ class Ledger(Generic[Kind]):
         stamp = self.folder.stamp(name)
         if stamp is not None and self._stamps.get(name) == [*stamp, known]:
             return True
-        sound = self._holds(name, known)
+        sound = _holds(self.folder, name, known)
         if sound and stamp is not None:
             self._stamps[name] = [*stamp, known]
         return sound
 
     def publish(
-        self, name: str, content: bytes, timings: bytes | None = None, derived: str = ""
+        self,
+        name: str,
+        content: "bytes | Written",
+        timings: bytes | None = None,
+        derived: str = "",
     ) -> None:
-        """Write a shard and its timings, drop ``derived`` where it changed, set others aside."""
-        digest = digest_of(content)
-        if self.shards.get(name, digest) != digest:
-            self.drop([derived])
-        if self.folder.exists(name) and not self._holds(name, digest):
-            set_aside(self.folder, name, self._progress)
+        """Write a shard, unless a worker has, and its timings; drop ``derived`` where it changed.
+
+        Timings differ each time that a shard is made, so no worker writes them: one that was taken
+        for lost would replace those that the ledger knows. Shards are the same whoever writes them.
+        """
         if timings is not None:
             self.folder.publish(storage.TIMINGS + name, timings)
             self.timed[name] = digest_of(timings)
-        self.folder.publish(name, content)
-        self.shards[name] = digest
-        stamp = self.folder.stamp(name)
-        if stamp is not None:
-            self._stamps[name] = [*stamp, digest]
+        if isinstance(content, bytes):
+            content = write(self.folder, name, content, self._progress)
+        for sentence in content.said:
+            self._progress.say(sentence)
+        if self.shards.get(name, content.digest) != content.digest:
+            self.drop([derived])
+        self.shards[name] = content.digest
+        if content.stamp is not None:
+            self._stamps[name] = [*content.stamp, content.digest]
         if monotonic() >= self._not_before:
             self.commit()
 
@@ -170,11 +179,31 @@ class Ledger(Generic[Kind]):
         self._committed, ended = now, monotonic()
         self._not_before = ended + (ended - started) / COMMIT_SHARE
 
-    def _holds(self, name: str, digest: str) -> bool:
-        try:
-            return digest_of(self.folder.read(name)) == digest
-        except OSError:
-            return False
+
+@dataclass(frozen=True)
+class Written:
+    """A shard that is in its place: what a ledger needs to know of it."""
+
+    digest: str
+    stamp: Stamp | None
+    said: Sequence[str] = ()  # to people, by the worker that wrote it
+
+
+def write(folder: Folder, name: str, content: bytes, progress: Progress) -> Written:
+    """Write a shard, unless it is there; what else is in its place is set aside."""
+    digest, there = digest_of(content), folder.exists(name)
+    if not (there and _holds(folder, name, digest)):
+        if there:
+            set_aside(folder, name, progress)
+        folder.publish(name, content)
+    return Written(digest, folder.stamp(name))
+
+
+def _holds(folder: Folder, name: str, digest: str) -> bool:
+    try:
+        return digest_of(folder.read(name)) == digest
+    except OSError:
+        return False
 
 
 @dataclass(frozen=True)
@@ -182,7 +211,7 @@ class NewShard:
     """A shard that a worker has made: arguments of ``Ledger.publish``, and rows without result."""
 
     name: str
-    content: bytes
+    content: bytes | Written
     timings: bytes | None = None
     derived: str = ""
     failed: int | None = None
@@ -206,14 +235,57 @@ def write_shards(
     tasks: Sequence[Task],
     workers: Workers,
     progress: Progress,
-    load: Callable[[Task], bytes] = lambda task: b"",
+    source: Callable[[Task], str] = lambda _: "",
 ) -> None:
-    """Make shards on workers and publish each as soon as it is done; arguments as of ``work``."""
+    """Make shards on workers and publish each as soon as it is done.
+
+    ``make`` gets a task and the content of the shard, if any, that is its ``source``.
+    """
     progress.expect(sum(len(task.rows) for task in tasks))
-    with closing(workers.work(make, tasks, load, progress)) as results:
-        for task, made in results:
+
+    def known(task: Task) -> tuple[str, str]:
+        return source(task), ledger.shards.get(source(task), "")
+
+    def load(task: Task) -> bytes:
+        return _read(ledger.folder, *known(task))
+
+    with ExitStack() as stack:
+        if workers.shared:
+            there = partial(_make_there, stack.enter_context(shared(ledger.folder)), make)
+            results = workers.work(there, tasks, known, progress)
+        else:
+            results = workers.work(make, tasks, load, progress)
+        for task, made in stack.enter_context(closing(results)):
             ledger.publish(made.name, made.content, made.timings, made.derived)
             progress.done(len(task.rows), failed=made.failed)
+
+
+def _make_there(
+    where: Shared, make: Callable[[Task, bytes], NewShard], task: Task, source: tuple[str, str]
+) -> NewShard:
+    """In a worker: make a shard from what it reads, and write it, where the folder still waits."""
+    made, heard = make(task, _read(where.opened(), *source)), _Heard()
+    if isinstance(made.content, bytes):
+        written = write(where.opened(), made.name, made.content, heard)
+        return replace(made, content=replace(written, said=heard.said))
+    return made
+
+
+def _read(folder: Folder, name: str, digest: str) -> bytes:
+    """The content of a shard, or nothing without a name."""
+    with told_where(f"{name} in {folder}"):
+        return read_sound(folder, name, digest) if name else b""
+
+
+class _Heard(Progress):
+    """Keeps what is said to people."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, sentence: str) -> None:
+        """Keep a sentence."""
+        self.said.append(sentence)
 
 
 def set_aside(folder: Folder, name: str, progress: Progress, top: str = storage.DAMAGED) -> None:

@@ -77,13 +77,18 @@ def read_shard(
 
     ``again`` is as in ``decode``.
     """
+    return decode(read_sound(folder, name, digest), most, columns, again=again)
+
+
+def read_sound(folder: Folder, name: str, digest: str) -> bytes:
+    """The bytes of a shard with a digest; InputErrors leave out its name."""
     try:
         content = folder.read(name)
     except OSError as error:
         raise InputError(f"cannot be read ({folder.reason(error)})") from error
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
-    return decode(content, most, columns, again=again)
+    return content
 
 
 def digest_of(content: bytes) -> str:

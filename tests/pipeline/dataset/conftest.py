@@ -1,8 +1,10 @@
 """A small solved dataset, made once and copied."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
+import fsspec
 import pytest
 
 from pipeline.dataset.making import sample, solve
@@ -27,3 +29,12 @@ def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def solved(solved_once: Path, tmp_path: Path) -> Path:
     """A folder of its own with a solved dataset."""
     return Path(shutil.copytree(solved_once, tmp_path / "data"))
+
+
+@pytest.fixture
+def in_memory() -> Iterator[str]:
+    """A folder in this process's memory, by URL."""
+    yield "memory://prolearn-test/data"
+    files = fsspec.filesystem("memory")
+    if files.exists("/prolearn-test"):
+        files.rm("/prolearn-test", recursive=True)

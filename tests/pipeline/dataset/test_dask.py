@@ -1,9 +1,11 @@
 """Real Dask schedulers and worker processes on loopback, killed and started again."""
 
 import os
+import pickle
 import shlex
 import shutil
 import signal
+import socket
 import subprocess
 import threading
 import time
@@ -39,6 +41,8 @@ from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
 from pipeline.storage.folder import open_folder
+from pipeline.storage.ledger import Ledger
+from pipeline.text import public_url
 
 pytestmark = pytest.mark.system
 
@@ -77,14 +81,19 @@ def here_and_there(here, tmp_path):
     return here, Path(shutil.copytree(here.with_name("unsolved"), tmp_path / "there"))
 
 
-def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(cluster, here_and_there):
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(
+    cluster, here_and_there, shared
+):
     here, there = here_and_there
     cluster.start_workers()
     cluster.await_workers()
     progress = After(lambda: kill(cluster.workers[0]))
-    solve(there, Settings(), workers=Workers(scheduler=cluster.address), progress=progress)
+    workers = Workers(scheduler=cluster.address, shared=shared)
+    solve(there, Settings(), workers=workers, progress=progress)
     assert progress.shards == SHARDS
     assert content(there) == content(here)
+    assert list(verify(there, workers=Workers(1))) == []  # timings are those of the manifest, too
 
 
 def test_a_scheduler_that_is_killed_and_comes_back_costs_a_sentence_and_no_byte(
@@ -100,9 +109,11 @@ def test_a_scheduler_that_is_killed_and_comes_back_costs_a_sentence_and_no_byte(
         cluster.start_workers()  # the old ones end with their scheduler
 
     progress = After(restart)
-    solve(there, Settings(), workers=Workers(scheduler=cluster.address), progress=progress)
+    workers = Workers(scheduler=cluster.address, shared=True)
+    solve(there, Settings(), workers=workers, progress=progress)
     assert progress.shards == SHARDS
     assert content(there) == content(here)
+    assert list(verify(there, workers=Workers(1))) == []
     gone = f"the Dask scheduler at {cluster.address} is gone; waiting up to 300 s for it to come"
     assert progress.said[0].startswith(gone)
     assert sum("is gone" in sentence for sentence in progress.said) == 1
@@ -177,6 +188,62 @@ def test_scenarios_are_drawn_and_rows_verified_by_a_cluster(cluster, here, tmp_p
     solve(tmp_path / "drawn", Settings(), workers=workers)
     assert content(tmp_path / "drawn") == content(here)
     assert list(verify(tmp_path / "drawn", workers=workers)) == []
+
+
+def test_workers_that_share_a_folder_mend_it_and_the_client_carries_no_shard(
+    cluster, here, tmp_path, monkeypatch
+):
+    there = Path(shutil.copytree(here, tmp_path / "there"))
+    damaged = ["_scenarios/n=5/part-00001.parquet", "n=5/part-00000.parquet"]
+    whole = (there / damaged[1]).read_bytes()
+    for name in damaged:
+        (there / name).write_bytes(b"damaged")
+    carried, publish = [], Ledger.publish
+
+    def weighed(ledger, *made):
+        carried.append(len(pickle.dumps(made)))
+        publish(ledger, *made)
+
+    monkeypatch.setattr(Ledger, "publish", weighed)
+    monkeypatch.chdir(tmp_path)  # workers are elsewhere, where `there` is no folder
+    cluster.start_workers(1)
+    workers, progress = Workers(scheduler=cluster.address, shared=True), After(None)
+    assert {fault.path for fault in verify("there", workers=workers)} == {*damaged}
+    solve("there", Settings(), workers=workers, progress=progress)
+    assert content(there) == content(here)
+    assert [(there / f"_damaged/{name}.1").read_bytes() for name in damaged] == [b"damaged"] * 2
+    aside = [f"{name} in {there} is set aside as _damaged/{name}.1." for name in damaged]
+    assert [said for said in progress.said if "aside" in said] == aside
+    # Digests, and of plans their timings, with which Parquet takes 2 kB.
+    assert (len(carried), carried[0] < 500, carried[1] < 3000 < len(whole) / 8) == (2, True, True)
+    assert {path.name for path in there.rglob("*.tmp")} == set()
+
+
+@pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs a path that differs")
+@pytest.mark.parametrize(  # of another folder in each process
+    "where", ["/proc/self/cwd/data", "memory://prolearn-test/data?token=hunter2"]
+)
+def test_workers_that_do_not_reach_the_folder_say_so_and_write_nothing(
+    cluster, here, tmp_path, monkeypatch, in_memory, where
+):
+    unsolved, places = here.with_name("unsolved"), [tmp_path / "worker", tmp_path / "client"]
+    for place in places:
+        shutil.copytree(unsolved, place / "data")
+    monkeypatch.chdir(places[0])
+    cluster.start_workers(1)
+    monkeypatch.chdir(places[1])
+    sample(where, {5: Sample(count=8 * SHARDS, shard_rows=8)}, Problem(), workers=Workers(1))
+    told = f"a worker on {socket.gethostname()} does not reach {public_url(where)} (what is there "
+    for command in ("solve", "verify"):
+        asked = [command, where, "--backend", "dask", "--scheduler", cluster.address, "--shared"]
+        done = CliRunner().invoke(app, asked)
+        assert (done.exit_code, done.stdout) == (2, "")
+        assert told in done.stderr
+        assert "Traceback" not in done.stderr
+    assert content(places[0] / "data") == content(unsolved)
+    assert "hunter2" not in done.stderr + (cluster.folder / "1.log").read_text()
+    solve(where, Settings(), workers=Workers(1))
+    assert list(verify(where, workers=Workers(1))) == []
 
 
 def test_trials_are_flown_by_a_cluster_that_loses_a_worker_to_the_same_bytes(cluster, tmp_path):
@@ -292,4 +359,4 @@ def test_the_commands_for_a_cluster_in_the_documentation_make_a_dataset_in_a_buc
     assert len(shards) == 12
     for name in shards:
         assert there.read(name) == (tmp_path / "here" / name).read_bytes()
-    assert list(verify(there, workers=Workers(1))) == []
+    assert list(verify(there, workers=Workers(scheduler=cluster.address, shared=True))) == []

@@ -26,16 +26,10 @@ from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import open_folder
 from pipeline.storage.ledger import sole_writer
+from pipeline.storage.shared import shared
 
 ONE = Workers(jobs=1)
 SAMPLES = {2: Sample(count=7, shard_rows=3), 3: Sample(count=6, shard_rows=3, seed=5)}
-
-
-@pytest.fixture
-def in_memory():
-    yield "memory://prolearn-test/data"
-    files = fsspec.filesystem("memory")
-    files.rm("/prolearn-test", recursive=True)
 
 
 def test_a_dataset_in_memory_has_the_bytes_of_one_on_disk(in_memory, solved):
@@ -210,7 +204,7 @@ def test_what_a_killed_writer_left_unfinished_is_swept_away_and_is_no_fault(solv
         *(solved / f"{top}n=3/.part-00001.parquet.{HALF}" for top in ("", "_scenarios/")),
         *(solved / f"_timings/{name}.{HALF}" for name in ("n=3/.part-00001.parquet",)),
         solved / f"_timings/._manifest.json.{HALF}",
-        *(solved / f".{name}.{HALF}" for name in ("_manifest.json", "_stamps.json", "README.md")),
+        *(solved / f".{name}.{HALF}" for name in ("_manifest.json", "_writer", "README.md")),
     ]
     for path in left:
         path.write_bytes(b"half")
@@ -218,6 +212,16 @@ def test_what_a_killed_writer_left_unfinished_is_swept_away_and_is_no_fault(solv
     with sole_writer(open_folder(solved), OWNED):
         assert not [path for path in left if path.exists()]
         assert str(os.getpid()) in (solved / "_writer").read_text()
+
+
+def test_what_a_worker_does_for_a_client_that_has_ended_is_not_written(solved):
+    folder = open_folder(solved)
+    with shared(folder) as where:
+        assert where.opened() == folder
+        assert list(verify(solved, workers=ONE)) == []
+    with pytest.raises(InputError, match=r"does not reach .* expected storage that all machines"):
+        where.opened()
+    assert not list(solved.rglob("*.tmp"))
 
 
 OTHERS = [

@@ -1,0 +1,53 @@
+"""A folder on storage that all workers share, which they read and write themselves."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
+from uuid import uuid4
+
+from pipeline import storage
+from pipeline.errors import InputError, ProlearnError
+from pipeline.storage.folder import Folder, open_folder
+from pipeline.text import public_url
+
+_open = lru_cache(maxsize=8)(open_folder)  # a store is connected to once, not for each file
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A folder for workers to open, with a file by which they know it from another of its name."""
+
+    url: str = field(repr=False)  # path or URL, secrets included
+    mark: str  # file that is there for as long as the work is wanted
+
+    def opened(self) -> Folder:
+        """In a worker: the folder; InputError where it is not the one that was marked."""
+        reason = "what is there is another one, or none"
+        try:
+            folder = _open(self.url)
+            if folder.exists(self.mark):
+                return folder
+        except ProlearnError as error:
+            reason = str(error).rstrip(".")
+        raise InputError(
+            f"a worker on {socket.gethostname()} does not reach {public_url(self.url)} ({reason}); "
+            "expected storage that all machines share: let workers reach it, or leave out --shared."
+        )
+
+
+@contextmanager
+def shared(folder: Folder) -> Iterator[Shared]:
+    """A folder as workers open it, marked for the block: what they do later is in vain.
+
+    The mark has the name of an unfinished file, so that readers pass over it, and the next writer
+    removes that of a killed one.
+    """
+    mark = f".{storage.WRITER}.{uuid4().hex}.tmp"
+    folder.touch(mark)
+    try:
+        yield Shared(str(folder.local.absolute()) if folder.local else folder.url, mark)
+    finally:
+        with suppress(ProlearnError):
+            folder.remove(mark)
