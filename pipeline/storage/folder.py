@@ -17,6 +17,8 @@ from pipeline.text import public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
 
+WITHOUT_FOLDERS = ("s3", "gcs", "abfs")  # Arrow's filesystems in which names have slashes, no more
+
 Stamp = tuple[int, int]  # size in bytes and time of the last change in ns
 
 
@@ -109,6 +111,8 @@ class Folder:
             self.files.move(name, to)
 
     def _make_parent(self, name: str) -> None:
+        if self.files.base_fs.type_name in WITHOUT_FOLDERS:
+            return
         above = f"{self.files.base_path}{name}".rpartition("/")[0]
         self.files.base_fs.create_dir(above, recursive=True)
 
