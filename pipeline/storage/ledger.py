@@ -314,7 +314,8 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
         for path in [path for place in storage.PLACES for path in top.glob(f"{place}.*.tmp")]:
             whole = unfinished(path)
             if whole and ours.fullmatch(whole.relative_to(top).as_posix()) and path.is_file():
-                folder.remove(path.relative_to(top).as_posix())
+                with suppress(ProlearnError):  # a worker of a killed client may just finish it
+                    folder.remove(path.relative_to(top).as_posix())
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         writer = f"process {os.getpid()} on {socket.gethostname()}, since {now}"
         try:

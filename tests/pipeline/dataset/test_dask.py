@@ -216,7 +216,32 @@ def test_workers_that_share_a_folder_mend_it_and_the_client_carries_no_shard(
     assert [said for said in progress.said if "aside" in said] == aside
     # Digests, and of plans their timings, with which Parquet takes 2 kB.
     assert (len(carried), carried[0] < 500, carried[1] < 3000 < len(whole) / 8) == (2, True, True)
-    assert {path.name for path in there.rglob("*.tmp")} == set()
+    assert list(there.rglob("*.tmp")) == []
+
+
+SOLVE = """
+from pipeline.dataset.making import solve
+from pipeline.expert import Settings
+from pipeline.parallel.workers import Workers
+solve({folder!r}, Settings(), workers=Workers(scheduler={scheduler!r}, shared=True))
+"""
+
+
+def test_a_client_that_is_killed_while_workers_write_costs_no_byte_and_leaves_nothing(
+    cluster, here_and_there, forked, tmp_path
+):
+    here, there = here_and_there
+    cluster.start_workers()
+    cluster.await_workers()
+    with (tmp_path / "log").open("w") as log:
+        code = SOLVE.format(folder=str(there), scheduler=cluster.address)
+        client = forked.start(code, Path.cwd(), log)
+    until(lambda: list(there.glob("n=5/*.parquet")))
+    kill(client)
+    solve(there, Settings(), workers=Workers(scheduler=cluster.address, shared=True))
+    assert content(there) == content(here)
+    assert list(verify(there, workers=Workers(1))) == []
+    assert list(there.rglob("*.tmp")) == []
 
 
 @pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs a path that differs")
