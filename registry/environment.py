@@ -25,10 +25,11 @@ TRAINED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "torch"),
 )
 PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
+EXPERIMENTS = ("records", "trials", "warmstart", "flights", "example_transfer")
 EVALUATED_BY: DecidedBy = (
     (
         *(f"pipeline/{part}" for part in PLANNING),
-        *(f"pipeline/experiments/{k}.py" for k in ("records", "trials", "warmstart", "flights")),
+        *(f"pipeline/experiments/{k}.py" for k in EXPERIMENTS),
         *(f"cli/jobs/{job}.py" for job in ("experiments", "networks")),
     ),
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),

@@ -75,3 +75,13 @@ def test_planning_imports_no_heavy_package_but_those_it_computes_with(planner, t
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_workers_of_experiments_and_datasets_import_nothing_that_draws_or_trains():
+    code = (
+        "import sys, pipeline.dataset.verifying, pipeline.experiments.flights\n"
+        "found = {'torch', 'mlflow', 'matplotlib', 'jinja2'} & set(sys.modules)\n"
+        "assert not found, found\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

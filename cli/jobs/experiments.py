@@ -16,6 +16,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_rows
 from pipeline.dataset.schema import scenarios_of
 from pipeline.errors import InputError, check_choice
+from pipeline.experiments.example_transfer import example_transfer, write_example
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.parts import FinishedParts
@@ -23,11 +24,9 @@ from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
 from pipeline.experiments.trials import (
     Comparison,
     EvaluatedPlanner,
-    example_transfer,
     run_transfer_times,
     run_trials,
     variations,
-    write_example,
 )
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts

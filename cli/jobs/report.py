@@ -9,8 +9,8 @@ import pandas as pd
 
 from cli.jobs.run_tables import KINDS, sound_table
 from pipeline.errors import InputError, ProlearnError
+from pipeline.experiments.example_transfer import read_example
 from pipeline.experiments.records import OPTIMIZERS
-from pipeline.experiments.trials import read_example
 from pipeline.figures.transfer import Example
 from pipeline.markup import formatted
 from pipeline.provenance import version_change

@@ -9,12 +9,13 @@ from pandas.api.types import infer_dtype
 from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
 from pipeline.experiments.averages import sizes_of_paper, summarize
+from pipeline.experiments.example_transfer import example_transfer
 from pipeline.experiments.experiment2 import QUANTITIES, sizes_figure
 from pipeline.experiments.experiment3 import summarize_warmstarts
 from pipeline.experiments.experiment4 import summarize_times
 from pipeline.experiments.experiment5 import summarize_flights
 from pipeline.experiments.records import PREDICTED, TABLES
-from pipeline.experiments.trials import EvaluatedPlanner, example_transfer
+from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.figures.style import save, styles
 from pipeline.figures.transfer import transfer_figure

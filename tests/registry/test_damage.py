@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from cli.jobs.run_tables import averages
 from cli.main import app
 from pipeline.errors import InputError, ProlearnError
-from pipeline.experiments.trials import read_example, write_example
+from pipeline.experiments.example_transfer import read_example, write_example
 from pipeline.figures.transfer import Example
 from pipeline.progress import Progress
 from registry.results import arrays_of, earlier_run, evaluation, record, table_of

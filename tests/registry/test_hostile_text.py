@@ -15,7 +15,7 @@ from planted import one_size, planted
 from typer.testing import CliRunner
 
 from cli.main import app
-from pipeline.experiments.trials import write_example
+from pipeline.experiments.example_transfer import write_example
 from pipeline.figures.transfer import Example
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem

@@ -23,7 +23,7 @@ from cli.jobs.train import challenge, validation_trials
 from cli.main import app
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
-from pipeline.experiments.trials import write_example
+from pipeline.experiments.example_transfer import write_example
 from pipeline.figures.transfer import Example
 from pipeline.networks.architecture import recipe_for
 from pipeline.training.loop import Epoch, Trained

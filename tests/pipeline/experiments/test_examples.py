@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.experiments.trials import read_example, write_example
+from pipeline.experiments.example_transfer import read_example, write_example
 from pipeline.figures.transfer import Example, _orbits, transfer_figure, within
 
 
