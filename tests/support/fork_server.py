@@ -8,6 +8,7 @@ status, negative for a signal.
 """
 
 import atexit
+import gc
 import importlib
 import json
 import os
@@ -20,6 +21,7 @@ import sys
 import tempfile
 import threading
 import traceback
+import weakref
 from contextlib import chdir, suppress
 from pathlib import Path
 from typing import Any
@@ -63,6 +65,7 @@ def main(path: str) -> None:
     """Serve requests until stdin is closed, then stop all processes and remove the socket."""
     import_everything()
     do_first()
+    spare_children()
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         listener.bind(path)
         listener.listen()
@@ -118,6 +121,20 @@ def do_first() -> None:
         for command in FIRST:
             done = CliRunner().invoke(sys.modules["cli.main"].app, command)
             assert done.exit_code == 0, done.output
+
+
+def spare_children() -> None:
+    """Spare each child what no test asks for.
+
+    That is to collect garbage in what was imported, torch's work at exit, and many pixels.
+    """
+    sys.modules["pipeline.figures.style"].RC["savefig.dpi"] = 40
+    gc.collect()
+    gc.freeze()
+    atexit.unregister(sys.modules["torch._dynamo.utils"].dump_compile_times)
+    for ending in list(weakref.finalize._registry):  # type: ignore[attr-defined]
+        if ending.peek()[1] is sys.modules["torch.library"]._del_library:
+            ending.atexit = False
 
 
 def start(connection: socket.socket, ours: list[socket.socket]) -> int:
