@@ -14,10 +14,10 @@ share of each craft.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import clarabel
 import numpy as np
-from scipy import sparse
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.subproblem import (
@@ -190,12 +190,14 @@ class ConicProgram:
 
     def solver(self, tolerance: float, *, careful: bool) -> clarabel.DefaultSolver:
         """Clarabel with A x + s = b: goals, bounds, spending, half-spaces, cones."""
+        from scipy.sparse import csc_matrix  # slow to import, and few plans need it
+
         blocks = [self.goals(), self.bounds(), self.spending(), self.half_spaces(), self.cones()]
         heights = [len(b) for _, b in blocks]
         cones = [clarabel.ZeroConeT(heights[0]), clarabel.NonnegativeConeT(sum(heights[1:4]))]
         cones += [clarabel.SecondOrderConeT(4)] * (heights[4] // 4)
         A, wanted = stacked(blocks, self.variables, self.kept)
-        quadratic = sparse.csc_matrix((len(self.kept), len(self.kept)))
+        quadratic = csc_matrix((len(self.kept), len(self.kept)))
         settings = clarabel_settings(tolerance, careful=careful)
         cost = self.cost()[self.kept]
         return clarabel.DefaultSolver(quadratic, cost, A, wanted, cones, settings)
@@ -248,8 +250,10 @@ def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSet
 
 def stacked(
     blocks: Sequence[Block], width: int, kept: Int[Array, "v"]
-) -> tuple[sparse.csc_matrix, Float[Array, "_"]]:
-    """Blocks of so many variables one above the other, of which some are kept; A and b."""
+) -> tuple[Any, Float[Array, "_"]]:
+    """Blocks of so many variables one above the other, of which some are kept; A, sparse, and b."""
+    from scipy.sparse import csc_matrix  # slow to import, and few plans need it
+
     tops = np.cumsum([0, *(len(b) for _, b in blocks)])
     row = np.concatenate([e[0] + top for (e, _), top in zip(blocks, tops[:-1], strict=True)])
     column, value = (np.concatenate([e[k] for e, _ in blocks]) for k in (1, 2))
@@ -262,7 +266,7 @@ def stacked(
     shape = int(tops[-1]), len(kept)
     order = np.argsort(column * shape[0] + row)
     starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
-    matrix = sparse.csc_matrix((value[order], row[order], starts), shape=shape)
+    matrix = csc_matrix((value[order], row[order], starts), shape=shape)
     return matrix, np.concatenate([b for _, b in blocks])
 
 

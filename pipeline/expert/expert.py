@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from pipeline.arrays import Array, Float
 from pipeline.expert.conflicts import BackOff
@@ -128,6 +127,8 @@ def _more_careful(
     tail Q(k); the number is kept between the largest known to be too few and the least that is
     enough. Where the ends have many times the risk asked for there is nothing to search.
     """
+    from scipy.special import ndtr  # slow to import, and only a risk needs it
+
     asked, uncertainty = limit.asked, limit.uncertainty(first.plan.scenario.problem)
     if first.risk.at_ends.sum() > HOPELESS * asked:
         return
@@ -187,6 +188,8 @@ def _within_limit(made: Plan, plan: Plan, requirements: Requirements) -> Plan:
 
 def _tail(probability: float) -> float:
     """Standard deviations that a normal variable exceeds with a probability, at least 0."""
+    from scipy.special import ndtri  # slow to import, and only a risk needs it
+
     return max(0.0, -float(ndtri(min(probability, 0.5))))
 
 

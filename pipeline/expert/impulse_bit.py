@@ -14,7 +14,6 @@ from pipeline.arrays import Array, Bool
 from pipeline.expert.batch import Batch
 from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.limited import decoupled_program, settled
-from pipeline.expert.mixed_integer import by_integers
 from pipeline.expert.scp import Search, SearchProblem
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.arrays import Controls
@@ -58,6 +57,8 @@ def _least(batch: Batch) -> str:
 
 def _by_integers(asked: SearchProblem, result: SearchResult) -> SearchResult:
     """Search with programs whose thrusts are zero or large enough."""
+    from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
+
     batch, optima = asked.batch, asked.batch.optima
     assert batch.limits is not None
     assert batch.arrivals is not None

@@ -32,7 +32,6 @@ from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces, n
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.incumbents import Incumbents, SearchResult
 from pipeline.expert.limited import of_program, settled
-from pipeline.expert.mixed_integer import by_integers
 from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
@@ -303,7 +302,11 @@ class Search:
             limits=of_program(batch.limits[craft]),
             weight=None if weight is None else weight[craft],
         )
-        return by_integers(made) if self.asked.whole_burns else by_cones(made)
+        if self.asked.whole_burns:
+            from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
+
+            return by_integers(made)
+        return by_cones(made)
 
     def _go_back(self, craft: Cluster) -> None:
         """End a cluster's search with its safe iterate; it is judged again, since others moved."""

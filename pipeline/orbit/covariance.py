@@ -4,7 +4,6 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_range
@@ -149,6 +148,8 @@ def dispersion(
     thruster = thruster_deviation(controls, uncertainty)
     if not closed_loop:
         return _driven(open_loop_responses(problem), _joint(noise, bias), burn, thruster)
+    from scipy.linalg import block_diag  # slow to import, and only closed loops need it
+
     known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
     responses = closed_loop_responses(problem, bool(uncertainty.latency))
     first = _driven(responses, known, burn, thruster)

@@ -25,6 +25,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Formation
+from pipeline.orbit.hulls import corners
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import minimum_energy, transfer_maps
 
@@ -93,16 +94,18 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransf
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
     """The hulls of a problem, computed once; None where some state is out of reach."""
-    from scipy.spatial import QhullError  # slow to import, and only planning needs hulls
-
     scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
     linked = np.linalg.matrix_power(acts @ acts.T | np.eye(6, dtype=bool), 6)
     parts = [np.flatnonzero(part) for part in np.unique(linked, axis=0)[::-1]]
+    used = [np.flatnonzero(acts[part].any(axis=0)) for part in parts]
+    columns = [reach[np.ix_(*both)].T for both in zip(parts, used, strict=True)]
+    points = [np.concatenate([one, -one]) for one in columns]
     try:
-        return tuple(_facets(reach, acts, component, scale[component]) for component in parts)
-    except (QhullError, ValueError):  # flat, or nothing but a point
+        found = zip(parts, used, points, corners(points), strict=True)
+        return tuple(_facets(*one, scale[one[0]]) for one in found)
+    except (RuntimeError, ValueError):  # flat, or nothing but a point
         return None
 
 
@@ -112,18 +115,13 @@ def acceleration_scale(problem: Problem) -> Float[Array, "6"]:
 
 
 def _facets(
-    reach: Float[Array, "6 m"],
-    acts: Bool[Array, "6 m"],
     component: Int[Array, "d"],
+    used: Int[Array, "c"],
+    points: Float[Array, "2*c d"],
+    corner: Int[Array, "F d"],
     scale: Float[Array, "d"],
 ) -> Facets:
-    """The hull of some components, from their scaled reach."""
-    from scipy.spatial import ConvexHull
-
-    used = np.flatnonzero(acts[component].any(axis=0))
-    columns = reach[np.ix_(component, used)]
-    points = np.concatenate([columns.T, -columns.T])
-    corner = ConvexHull(points).simplices
+    """The hull of some components: points are what the controls used do to them, and less that."""
     corner = corner[np.linalg.cond(points[corner]) < FLAT]
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
     dual = inverse.sum(axis=2)  # solves corners · y = 1

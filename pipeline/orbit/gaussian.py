@@ -1,7 +1,6 @@
 """Probabilities of Gaussian variables that bounds on the risk of a collision are made of."""
 
 import numpy as np
-from scipy.special import ndtr, owens_t
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import Values, Vectors
@@ -20,6 +19,8 @@ def falls_below(
     Owen 1956, "Tables for computing bivariate normal probabilities". Means and variances are of X
     and of the step D, since X + D may be all but X itself; ``mixed`` is their covariance.
     """
+    from scipy.special import ndtr, owens_t  # slow to import, and only a risk needs it
+
     after, variance_after = mean + step, np.maximum(variance + 2 * mixed + step_variance, 0.0)
     rest = step_variance - mixed**2 / np.maximum(variance, TINY)  # of D, given X
     rest = np.maximum(np.sqrt(np.maximum(rest, 0.0)), TINY)

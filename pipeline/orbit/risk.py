@@ -35,7 +35,6 @@ errors with the deviation σ is at most σ‖ξ‖, with ξ the pair's J indepen
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import gammainccinv, ndtr
 
 from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.orbit.approaches import Approaches, close_approaches, pairs
@@ -222,12 +221,16 @@ def saturation(controls: Controls, sigma: Controls, most: float) -> float:
 
     Of controls with such Gaussian deviations, m/s².
     """
+    from scipy.special import ndtr  # slow to import, and only a risk needs it
+
     size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
     return min(1.0, float(ndtr((np.stack([size, -size]) - most) / sigma).sum()))
 
 
 def corrections(controls: Controls, sigma: Controls) -> float:
     """Mean fuel, m/s², that Gaussian deviations add to that of controls: E|u + σξ| - |u|."""
+    from scipy.special import ndtr  # slow to import, and only a risk needs it
+
     size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
     ratio = size / sigma
     density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
@@ -244,6 +247,8 @@ def _at_node(
 
 def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:
     """Bound on the probability that Gaussian relative positions are within a distance, m."""
+    from scipy.special import ndtr  # slow to import, and only a risk needs it
+
     found = np.ones(len(gap))
     largest = np.linalg.eigh(covariance)[1][..., -1]
     for normal in (likeliest_direction(gap, covariance, radius), largest):
@@ -271,6 +276,8 @@ def _stretches(
 
     Checks on one side say nothing about a broken pair: it counts as one, unless errors are large.
     """
+    from scipy.special import gammainccinv  # slow to import, and only a risk needs it
+
     n, normals = len(spread.state), spread.state.shape[3] + spread.own
     most = float(np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2))))  # K
     radius, deviation = problem.collision_radius, spread.most_deviation(problem)
@@ -331,6 +338,8 @@ def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Fl
 
 def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
     """Each panel's probability, as in ``_chances``, and an estimate of its margin's part in it."""
+    from scipy.special import ndtr  # slow to import, and only a risk needs it
+
     at, radius = panels.stretch, stretches.problem.collision_radius
     width = panels.width * stretches.problem.time_step
     ends = panels.begin, panels.begin + panels.width

@@ -1,0 +1,70 @@
+"""Facets of hulls from the cache folder: those of Qhull, whatever is in the folder."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from pipeline.orbit.hulls import corners
+
+CLOUDS = [np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)]
+CODE = """
+import sys
+import numpy as np
+from pipeline.orbit.hulls import corners
+found = corners([np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)])
+np.savez(sys.argv[1], *found)
+print("scipy" in sys.modules)
+"""
+
+
+@pytest.fixture
+def in_a_new_process(tmp_path):
+    """Corners as a process without SciPy has them, and whether it imported that."""
+
+    def ask(folder):
+        found, home = tmp_path / "found.npz", {**os.environ, "XDG_CACHE_HOME": str(folder)}
+        command = (sys.executable, "-c", CODE, str(found))
+        done = subprocess.run(command, capture_output=True, text=True, env=home)
+        assert done.returncode == 0, done.stderr
+        with np.load(found) as file:
+            return [file["arr_0"], file["arr_1"]], done.stdout == "True\n"
+
+    return ask
+
+
+def are_qhulls(found):
+    return all(
+        np.array_equal(one, ConvexHull(points).simplices)
+        for one, points in zip(found, CLOUDS, strict=True)
+    )
+
+
+def test_they_are_computed_once_and_whatever_is_in_the_file_they_are_right(
+    in_a_new_process, tmp_path
+):
+    folder = tmp_path / "cache"
+    found, computed = in_a_new_process(folder)
+    assert computed and are_qhulls(found)
+    found, computed = in_a_new_process(folder)
+    assert not computed and are_qhulls(found)
+    (file,) = folder.glob("*/*")
+    whole = file.read_bytes()
+    others = [CLOUDS[0] + 1, CLOUDS[1], *corners(CLOUDS)]
+    for damaged in (b"", b"nonsense", whole[:-100], whole[:300] + b"\0\1" + whole[302:], others):
+        if isinstance(damaged, list):
+            np.savez(file, *damaged)
+        else:
+            file.write_bytes(damaged)
+        found, computed = in_a_new_process(folder)
+        assert computed and are_qhulls(found)
+        assert file.read_bytes() == whole
+
+
+def test_a_folder_that_cannot_be_written_does_no_harm(in_a_new_process, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    found, computed = in_a_new_process(tmp_path / "file")
+    assert computed and are_qhulls(found)
