@@ -77,10 +77,26 @@ def read_shard(
 
     ``again`` is as in ``decode``.
     """
+    return decode_sound(read_content(folder, name), digest, most, columns, again=again)
+
+
+def read_content(folder: Folder, name: str) -> bytes:
+    """A shard's bytes; the InputError where they cannot be read leaves out its name."""
     try:
-        content = folder.read(name)
+        return folder.read(name)
     except OSError as error:
         raise InputError(f"cannot be read ({folder.reason(error)})") from error
+
+
+def decode_sound(
+    content: bytes,
+    digest: str,
+    most: Size,
+    columns: Sequence[str] | None = None,
+    *,
+    again: bool = False,
+) -> pa.Table:
+    """The table in a shard's bytes, as ``decode``; InputError for another digest."""
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
     return decode(content, most, columns, again=again)
