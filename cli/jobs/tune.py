@@ -123,7 +123,8 @@ def tune(
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
-    data = _examples(recipe if alone else replace(recipe, crowded=0), settings)
+    data: Sources | None = _examples(recipe if alone else replace(recipe, crowded=0), settings)
+    data = data if alone else None
     digest = read_manifest(settings.data).digest(settings.n)
     with opened(TUNING) as store:
         path = (settings.storage or store.beside / STORAGE).absolute()
@@ -136,7 +137,7 @@ def tune(
                     study.set_user_attr(PARENT, run_id)
                     params = params_of({"arch": settings.arch, "recipe": recipe.name})
                     store.client.log_batch(run_id, params=params)
-                _search(study, search, workers, data if alone else None, run_id, progress)
+                _search(study, search, workers, data, run_id, progress)
             if not (trials := complete(study)):
                 raise ProlearnError(
                     f"No trial of {study.study_name} came to an end: the loss diverged in each; "
