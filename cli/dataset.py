@@ -146,8 +146,12 @@ def make(
     _solve(folder, solving)
 
 
+@with_settings
 def card(
+    context: typer.Context,
     folder: Folder,
+    *,
+    workers: FolderWorkers,
     licence: Annotated[
         str, option("Of the data, by its identifier, such as cc-by-4.0.", "--license")
     ] = "mit",
@@ -168,8 +172,9 @@ def card(
     from pipeline.dataset.card import write_card
     from pipeline.dataset.manifest import CARD
 
+    reading = workers_of(context, workers)
     with progress("reading") as shown:
-        write_card(folder, licence=licence, replace=replace, progress=shown)
+        write_card(folder, licence=licence, replace=replace, workers=reading, progress=shown)
         rows = shown.count
     where = public_url(folder)
     echo(f"{CARD} is in {where}; it tells of {rows} scenarios.")

@@ -153,6 +153,10 @@ class TuningSettings:
 
     arch: Annotated[str, option("Architecture, such as lstm2.", autocompletion=architectures)]
     trials: int = setting("Trials in all, earlier ones included.", default=20)
+    at_once: int = setting(
+        "Trials that are drawn together, from what was done before; as many can train at once.",
+        default=1,
+    )
     recipe: str = setting("Recipe that the trials start from.", default="tuned")
     data: Data = "data/paper"
     n: TrainingSize = 10

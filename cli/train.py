@@ -125,23 +125,30 @@ def _told(version: "ModelVersion", contest: "Contest | None", *, earlier: bool) 
 
 
 @with_settings
-def tune(settings: TuningSettings, as_json: AsJson = False) -> None:
+def tune(
+    context: typer.Context,
+    settings: TuningSettings,
+    workers: TrainingWorkers,
+    as_json: AsJson = False,
+) -> None:
     """Search learning rate, batch size, dropout and input with Optuna.
 
     What counts is the distance from the expert's positions on the validation split, or what an
     architecture of your own names instead. Each trial is a nested MLflow run. After an
-    interruption run the same command again: it goes on to the same number of trials. Several
-    processes may share the work.
+    interruption run the same command again: it goes on to the same number of trials. Trials are the
+    same one after the other, with --jobs, or on a Dask cluster whose machines all reach --data.
+    Several processes may share the work.
 
     Examples:
 
         prolearn tune --arch lstm2 --trials 20
-        prolearn tune --arch ff1 --trials 50 --epochs 20 --data data/demo
+        prolearn tune --arch ff1 --trials 50 --epochs 20 --at-once 5 --jobs 5
     """
     from cli.jobs.tune import tune as job
 
+    by = workers_of(context, workers)
     with stdout_for_document(as_json), progress(f"tuning {settings.arch}") as shown:
-        found = job(settings, shown)
+        found = job(settings, workers=by, progress=shown)
     values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in found.best.items()}
     options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in values.items())
     print_result(

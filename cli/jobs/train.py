@@ -179,13 +179,17 @@ def _train_in_worker(
     """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
     check_worker(expected, TRAINED_BY)
     asked = task[1]
-    how = asked.settings
-    if read_manifest(how.data).digest(how.n) != asked.digest:
+    check_data(asked.settings.data, asked.settings.n, asked.digest)
+    return _train_and_fly(asked, asked.examples(SILENT), SILENT)
+
+
+def check_data(data: Where, n: int, digest: str) -> None:
+    """In a worker: ProlearnError where the data differ from those that the work was asked for."""
+    if read_manifest(data).digest(n) != digest:
         raise ProlearnError(
-            f"{public_url(how.data)} holds other data on a worker; expected the same on all "
+            f"{public_url(data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
-    return _train_and_fly(asked, asked.examples(SILENT), SILENT)
 
 
 def _train_and_fly(

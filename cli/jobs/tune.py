@@ -3,12 +3,15 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mlflow.exceptions import MlflowException
 
+from cli.jobs.train import check_data
 from cli.settings import TuningSettings
 from pipeline.dataset.examples import ExampleSource
 from pipeline.dataset.manifest import read_manifest
@@ -16,20 +19,21 @@ from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.networks.architecture import find, recipe_for, unused_fields
 from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import MOST, Recipe
+from pipeline.parallel.workers import Workers, check_worker
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE, position_rmse, train
-from pipeline.training.search import complete, open_study, suggested
+from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags
 from registry.running import recorded_run
 from registry.store import TUNING, Store, explained, opened
-from registry.training import DatasetInfo, record_of
+from registry.training import DatasetInfo, TrainingRecord, record_of
 
 if TYPE_CHECKING:
-    from optuna import Study, Trial
+    from optuna import Study
 
 STORAGE = "optuna.db"
 
@@ -39,16 +43,18 @@ OBJECTIVES = (POSITION_RMSE, "best_valid_loss")
 PARENT = "mlflow_run_id"  # under this name a study remembers its MLflow run
 
 
+Sources = tuple[ExampleSource, ExampleSource]  # examples of training and of validation
+
+
 @dataclass(frozen=True)
 class RecipeSearch:
     """A search: its settings, the recipe that trials start from, its data, and where it is kept."""
 
     settings: TuningSettings
     recipe: Recipe
-    learn: ExampleSource
-    valid: ExampleSource
-    dataset: DatasetInfo
+    digest: str  # of the data
     store: Store
+    path: Path  # Optuna's SQLite file
 
     @property
     def objective(self) -> str:
@@ -68,8 +74,7 @@ class RecipeSearch:
         code = json.dumps(dict(made_with(*TRAINED_BY)), sort_keys=True)
         versions = hashlib.sha256(code.encode()).hexdigest()[:8]
         run = f"{r.epochs}ep-{torch_device(how.device)}-seed{how.seed}"
-        digest = self.dataset.digest[:12]
-        return f"{how.arch}-{r.name}-n{self.learn.n}-{run}-{digest}-{versions}"
+        return f"{how.arch}-{r.name}-n{how.n}-{run}-{self.digest[:12]}-{versions}"
 
 
 @dataclass(frozen=True)
@@ -92,27 +97,52 @@ class Tuned:
         return f"{self.value:.4g} of {self.objective}"
 
 
-def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
-    """Search until so many trials, earlier ones too, are complete; ProlearnError if none is."""
-    data, n, seed = settings.data, settings.n, settings.seed
+@dataclass(frozen=True)
+class AskedTrial:
+    """A trial as a task of a worker."""
+
+    number: int  # in its study
+    recipe: Recipe
+    settings: TuningSettings
+    digest: str  # of the data
+
+
+def tune(
+    settings: TuningSettings, *, workers: Workers | None = None, progress: Progress = SILENT
+) -> Tuned:
+    """Search until so many trials, earlier ones too, are complete; ProlearnError if none is.
+
+    Trials are the same for any workers, by default this process. Other workers read the data
+    where the settings say; this process alone writes.
+    """
+    workers = workers or Workers(1)
     check_range("trials", settings.trials, 1, MOST)
-    check_range("seed", seed, 0, SEEDS - 1)
+    check_range("trials drawn at once", settings.at_once, 1, MOST)
+    check_range("seed", settings.seed, 0, SEEDS - 1)
+    if settings.at_once == 1 and workers.scheduler is None and workers.jobs != 1:
+        raise InputError(
+            f"jobs is {workers.jobs} and trials are drawn one by one, each from all before it; "
+            "expected several that are drawn together, such as --at-once 5, or one job."
+        )
     recipe = recipe_for(settings.arch, settings.recipe)
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
-    learn, valid = sources(recipe, data, n, seed=seed)
-    dataset = DatasetInfo(data, read_manifest(data).digest(n), len(learn), len(valid))
+    alone = workers.scheduler is None and workers.jobs == 1
+    # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
+    data: Sources | None = _examples(recipe if alone else replace(recipe, crowded=0), settings)
+    data = data if alone else None
+    digest = read_manifest(settings.data).digest(settings.n)
     with opened(TUNING) as store:
-        search = RecipeSearch(settings, recipe, learn, valid, dataset, store)
-        objective, tags = search.objective, environment_tags(TRAINED_BY)
         path = (settings.storage or store.beside / STORAGE).absolute()
-        with open_study(path, search.name, seed) as study:
+        search = RecipeSearch(settings, recipe, digest, store, path)
+        objective, tags = search.objective, environment_tags(TRAINED_BY)
+        with open_study(path, search.name) as study:
             known = _parent_of(study, store)
             with recorded_run(store, TUNING, search.name, tags, again=known) as run_id:
                 if known is None:
                     study.set_user_attr(PARENT, run_id)
                     params = params_of({"arch": settings.arch, "recipe": recipe.name})
                     store.client.log_batch(run_id, params=params)
-                _search(study, search, run_id, progress)
+                _search(study, search, workers, data, run_id, progress)
             if not (trials := complete(study)):
                 raise ProlearnError(
                     f"No trial of {study.study_name} came to an end: the loss diverged in each; "
@@ -120,6 +150,10 @@ def tune(settings: TuningSettings, progress: Progress = SILENT) -> Tuned:
                 )
             best = study.best_value, study.best_params
             return Tuned(study.study_name, path, run_id, trials, objective, *best)
+
+
+def _examples(recipe: Recipe, how: TuningSettings) -> Sources:
+    return sources(recipe, how.data, how.n, seed=how.seed)
 
 
 def _parent_of(study: "Study", store: Store) -> str | None:
@@ -131,50 +165,84 @@ def _parent_of(study: "Study", store: Store) -> str | None:
         return None
 
 
-def _search(study: "Study", search: RecipeSearch, run_id: str, progress: Progress) -> None:
-    trials, objective = search.settings.trials, search.objective
-    last = min(trials, complete(study))
-    progress.expect(trials - last)
-
-    def after(study: "Study", trial: Any) -> None:
-        nonlocal last
-        done = complete(study)
-        if done:
-            best = {"best_" + objective.removeprefix("best_"): study.best_value}
-            search.store.client.log_batch(run_id, metrics=metrics_of(best, step=done))
-            before, last = last, min(done, trials)  # other processes may have done more
-            unit = " m" if objective == POSITION_RMSE else ""
-            progress.done(last - before, f"best {study.best_value:.4g}{unit}")
-        if done >= trials:
-            study.stop()
-
-    if last < trials:
-        study.optimize(
-            lambda trial: _trial(trial, search),
-            n_trials=trials - last,
-            catch=(ProlearnError,),  # a loss that diverges is an answer, too
-            callbacks=[after],
-        )
+def _search(
+    study: "Study",
+    search: RecipeSearch,
+    workers: Workers,
+    data: Sources | None,
+    run_id: str,
+    progress: Progress,
+) -> None:
+    """Make the trials that are left; this process has the data, or each worker reads them."""
+    how, unused = search.settings, unused_fields(find(search.settings.arch))
+    one = partial(_train, made_with(*TRAINED_BY))
+    last = min(how.trials, complete(study))
+    left = how.trials - last  # a loss that diverges is an answer, too
+    progress.expect(left)
+    while left and complete(study) < how.trials:  # other processes may have done some
+        count = min(how.at_once, left, how.trials - complete(study))
+        left -= count
+        with drawn_trials(study, search.path, count, seed=how.seed, unused=unused) as drawn:
+            tasks = [
+                AskedTrial(number, replace(search.recipe, **fields), how, search.digest)
+                for number, fields in drawn.items()
+            ]
+            with closing(workers.work(one, tasks, lambda _: data, progress)) as results:
+                for asked, found in results:
+                    _record(asked, found, study, search)
+                    before, last = last, min(complete(study), how.trials)
+                    _tell_best(study, search, run_id, last - before, progress)
+                    if last == how.trials:
+                        break
     progress.end("others diverged")
 
 
-def _trial(trial: "Trial", search: RecipeSearch) -> float:
-    """Train once and record it as a nested run; what the objective comes to."""
-    how, store = search.settings, search.store
-    recipe = replace(search.recipe, **suggested(trial, unused_fields(find(how.arch))))
-    tags = environment_tags(TRAINED_BY)
-    with recorded_run(store, TUNING, f"trial-{trial.number}", tags) as run_id:
-        trained = train(
-            how.arch, recipe, search.learn, search.valid, seed=how.seed, device=how.device
-        )
-        found = {POSITION_RMSE: position_rmse(trained.model, search.valid)}
-        record = record_of(
-            trained, recipe=recipe, seed=how.seed, dataset=search.dataset, metrics=found
-        )
-        with explained(store.uri):
-            store.client.log_batch(
-                run_id,
-                metrics=[*curve_metrics(record.history), *metrics_of(record.metrics)],
-                params=params_of({**record.params, "trial": trial.number}),
-            )
-    return record.metrics[search.objective]
+def _tell_best(
+    study: "Study", search: RecipeSearch, run_id: str, more: int, progress: Progress
+) -> None:
+    if not (done := complete(study)):
+        return
+    objective, least = search.objective, study.best_value
+    best = {"best_" + objective.removeprefix("best_"): least}
+    search.store.client.log_batch(run_id, metrics=metrics_of(best, step=done))
+    unit = " m" if objective == POSITION_RMSE else ""
+    progress.done(more, f"best {least:.4g}{unit}")
+
+
+def _train(
+    expected: Mapping[str, str], asked: AskedTrial, data: Sources | None
+) -> TrainingRecord | None:
+    """In a worker: train once; None where the loss diverges."""
+    check_worker(expected, TRAINED_BY)
+    how, recipe = asked.settings, asked.recipe
+    check_data(how.data, how.n, asked.digest)
+    learn, valid = data or _examples(recipe, how)
+    try:
+        trained = train(how.arch, recipe, learn, valid, seed=how.seed, device=how.device)
+    except InputError:
+        raise
+    except ProlearnError:
+        return None
+    dataset = DatasetInfo(how.data, asked.digest, len(learn), len(valid))
+    error = {POSITION_RMSE: position_rmse(trained.model, valid)}
+    return record_of(trained, recipe=recipe, seed=how.seed, dataset=dataset, metrics=error)
+
+
+def _record(
+    asked: AskedTrial, found: TrainingRecord | None, study: "Study", search: RecipeSearch
+) -> None:
+    """Record a trial as a nested run and in its study, one that diverged as failed."""
+    store, tags = search.store, environment_tags(TRAINED_BY)
+    with explained(store.uri):
+        with recorded_run(store, TUNING, f"trial-{asked.number}", tags) as run_id:
+            if found:
+                store.client.log_batch(
+                    run_id,
+                    metrics=[*curve_metrics(found.history), *metrics_of(found.metrics)],
+                    params=params_of({**found.params, "trial": asked.number}),
+                )
+        if not found:
+            store.client.set_terminated(run_id, "FAILED")
+    if found:
+        value = found.metrics[search.objective]
+        study.tell(asked.number, value, skip_if_finished=True)  # as by one that took it for dead

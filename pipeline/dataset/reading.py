@@ -1,6 +1,7 @@
 """Solved datasets read back: rows for the experiments, arrays for training, perhaps streamed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -12,7 +13,7 @@ from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.shards import has_metadata, read_shard
+from pipeline.storage.shards import decode, has_metadata, read_content, sound
 from pipeline.text import public_url
 
 LEARNED = ("initial", "goal", "states")  # columns that training reads
@@ -43,17 +44,37 @@ def read_solved(
 
     ``again`` says that it was read before by the same manifest.
     """
-    name = shard.solved
+    digest = manifest.shards[shard.solved]
+    with naming(shard, str(folder)):
+        content = read_content(folder, shard.solved)
+        return decode_solved(content, shard, digest, columns, again=again)
+
+
+def decode_solved(
+    content: bytes,
+    shard: Shard,
+    digest: str,
+    columns: Sequence[str] | None = None,
+    *,
+    again: bool = False,
+) -> pa.Table:
+    """The rows in a solved shard's bytes, as ``read_solved``; InputErrors leave out its name."""
+    table = decode(sound(content, digest), shard.most, columns, again=again)
+    if not has_metadata(table, shard.metadata(shard.solved)):
+        raise InputError("was made with other settings than the manifest has")
+    return table
+
+
+@contextmanager
+def naming(shard: Shard, folder: str) -> Iterator[None]:
+    """InputErrors in the block, about a damaged shard, name it and say how to mend it."""
     try:
-        table = read_shard(folder, name, manifest.shards[name], shard.most, columns, again=again)
-        if not has_metadata(table, shard.metadata(name)):
-            raise InputError("was made with other settings than the manifest has")
+        yield
     except InputError as error:
         raise InputError(
-            f"{name} in {folder} {error}; mend the dataset with `prolearn verify {folder} "
+            f"{shard.solved} in {folder} {error}; mend the dataset with `prolearn verify {folder} "
             "--repair`."
         ) from error
-    return table
 
 
 def solved_rows(

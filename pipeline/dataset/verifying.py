@@ -1,9 +1,8 @@
 """Integrity of every shard and physics of every row of a dataset, and the repair of faults."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -44,7 +43,7 @@ from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside, sole_writer
 from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, has_metadata, read_metadata
-from pipeline.storage.shared import Shared, shared
+from pipeline.storage.shared import work_on
 
 # Columns that every solved row has a value in
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
@@ -206,13 +205,8 @@ def verify(
     checks = [check for check in checks if check.name in present]
     checks += [Check(name, "foreign") for name in foreign if not BESIDE.fullmatch(name)]
     progress.expect(sum(check.counted for check in checks))
-    with ExitStack() as stack:
-        if workers.shared:
-            there = partial(_faults_there, stack.enter_context(shared(folder)))
-            results = workers.work(there, checks, lambda _: None, progress)
-        else:
-            results = workers.work(_faults, checks, partial(_read, folder), progress)
-        for check, faults in stack.enter_context(closing(results)):
+    with closing(work_on(folder, workers, _faults, checks, _read, progress)) as results:
+        for check, faults in results:
             yield from faults
             progress.done(check.counted)
 
@@ -286,11 +280,6 @@ def _read(folder: Folder, check: Check) -> bytes | str:
         return folder.read(check.name)
     except OSError as error:
         return folder.reason(error)
-
-
-def _faults_there(where: Shared, check: Check, _: None) -> list[Fault]:
-    """In a worker: the faults of a file that it reads."""
-    return _faults(check, _read(where.opened(), check))
 
 
 def _faults(check: Check, content: bytes | str) -> list[Fault]:

@@ -2,6 +2,7 @@
 
 import logging
 import socket
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
@@ -33,6 +34,8 @@ def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Ite
     where = public_url(scheduler)
     with _without_logs():
         _check_certificates(scheduler)
+        # Calls carry what they work on, some MB, which Dask takes for a mistake.
+        warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
         try:
             client = _client(scheduler, wait if again and wait else CONNECT_SECONDS)
         except (OSError, ValueError) as error:

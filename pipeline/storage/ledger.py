@@ -24,7 +24,7 @@ from pipeline.files import unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import Folder, Stamp
-from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode, read_sound
+from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode, read_content, sound
 from pipeline.storage.shared import Shared, shared
 
 TIMED_SCHEMA = "prolearn.timings/1"
@@ -274,7 +274,7 @@ def _make_there(
 def _read(folder: Folder, name: str, digest: str) -> bytes:
     """The content of a shard, or nothing without a name."""
     with told_where(f"{name} in {folder}"):
-        return read_sound(folder, name, digest) if name else b""
+        return sound(read_content(folder, name), digest) if name else b""
 
 
 class _Heard(Progress):

@@ -64,28 +64,16 @@ def decode(
         raise InputError(f"cannot be read ({_first_line(error)})") from error
 
 
-def read_shard(
-    folder: Folder,
-    name: str,
-    digest: str,
-    most: Size,
-    columns: Sequence[str] | None = None,
-    *,
-    again: bool = False,
-) -> pa.Table:
-    """Rows, or some columns, of a shard with a digest; InputErrors leave out its name.
-
-    ``again`` is as in ``decode``.
-    """
-    return decode(read_sound(folder, name, digest), most, columns, again=again)
-
-
-def read_sound(folder: Folder, name: str, digest: str) -> bytes:
-    """The bytes of a shard with a digest; InputErrors leave out its name."""
+def read_content(folder: Folder, name: str) -> bytes:
+    """A shard's bytes; the InputError where they cannot be read leaves out its name."""
     try:
-        content = folder.read(name)
+        return folder.read(name)
     except OSError as error:
         raise InputError(f"cannot be read ({folder.reason(error)})") from error
+
+
+def sound(content: bytes, digest: str) -> bytes:
+    """A shard's bytes; InputError where they have another digest."""
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
     return content

@@ -1,16 +1,23 @@
 """A folder on storage that all workers share, which they read and write themselves."""
 
 import socket
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import TypeVar
 from uuid import uuid4
 
 from pipeline import storage
 from pipeline.errors import InputError, ProlearnError
+from pipeline.parallel.workers import Workers
+from pipeline.progress import Progress
 from pipeline.storage.folder import Folder, open_folder
 from pipeline.text import public_url
+
+Task = TypeVar("Task")
+Content = TypeVar("Content")
+Result = TypeVar("Result")
 
 _open = lru_cache(maxsize=8)(open_folder)  # a store is connected to once, not for each file
 
@@ -51,3 +58,34 @@ def shared(folder: Folder) -> Iterator[Shared]:
     finally:
         with suppress(ProlearnError):
             folder.remove(mark)
+
+
+def work_on(
+    folder: Folder,
+    workers: Workers,
+    function: Callable[[Task, Content], Result],
+    tasks: Sequence[Task],
+    read: Callable[[Folder, Task], Content],
+    progress: Progress,
+) -> Generator[tuple[Task, Result], None, None]:
+    """Results as of ``Workers.work``; what tasks need of a folder is read by workers that share it.
+
+    Otherwise it is read here.
+    """
+    with ExitStack() as stack:
+        if workers.shared:
+            there = partial(_read_there, stack.enter_context(shared(folder)), read, function)
+            results = workers.work(there, tasks, lambda _: None, progress)
+        else:
+            results = workers.work(function, tasks, partial(read, folder), progress)
+        yield from stack.enter_context(closing(results))
+
+
+def _read_there(
+    where: Shared,
+    read: Callable[[Folder, Task], Content],
+    function: Callable[[Task, Content], Result],
+    task: Task,
+    _: None,
+) -> Result:
+    return function(task, read(where.opened(), task))

@@ -1,9 +1,10 @@
 """Hyperparameter search as an Optuna study, which several processes may share."""
 
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock
@@ -31,12 +32,12 @@ which the search makes small, says nothing about collisions."""
 
 
 @contextmanager
-def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
+def open_study(path: Path, name: str) -> Iterator["Study"]:
     """The study of a name in an SQLite file, both made where they are missing.
 
-    The name is the same for searches whose trials can be compared; the seed is of what is drawn
-    next. InputError where Optuna is not installed, or the path is a folder or below a file.
-    ProlearnError where the file fails, in the block too.
+    The name is the same for searches whose trials can be compared. InputError where Optuna is not
+    installed, or the path is a folder or below a file. ProlearnError where the file fails, in the
+    block too.
     """
     with told_which_extra():
         import optuna
@@ -54,8 +55,6 @@ def open_study(path: Path, name: str, seed: int) -> Iterator["Study"]:
                 grace_period=GRACE_SECONDS,
             )
             study = optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
-        # A search that goes on must not draw once more what it began with.
-        study.sampler = optuna.samplers.TPESampler(seed=seed + len(study.trials))
         yield study
     except (optuna.exceptions.OptunaError, SQLAlchemyError) as error:
         reason = str(error.__cause__ or error).strip().splitlines()[0]
@@ -70,6 +69,55 @@ def complete(study: "Study") -> int:
     return sum(trial.state.name == "COMPLETE" for trial in study.get_trials(deepcopy=False))
 
 
-def suggested(trial: "Trial", unused: Collection[str] = ()) -> dict[str, Any]:
-    """Fields of a recipe that a trial suggests from SPACE, less those without effect."""
+@contextmanager
+def drawn_trials(
+    study: "Study", path: Path, count: int, *, seed: int, unused: Collection[str] = ()
+) -> Iterator[dict[int, dict[str, Any]]]:
+    """New trials by number, as fields of a recipe from SPACE, less those without effect.
+
+    They are drawn from what is complete now, apart from each other: what they are depends neither
+    on the order in which they are done nor on who does them. After the block those without a result
+    have failed. The path is of the study's file.
+    """
+    import optuna
+
+    asked: list[Trial] = []
+    try:
+        with FileLock(f"{path}.lock"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # heartbeats are meant for another way to run trials
+            optuna.storages.fail_stale_trials(study)
+            # A search that goes on must not draw once more what it began with.
+            seed += len(study.trials)
+            study.sampler = optuna.samplers.TPESampler(seed=seed, constant_liar=True)
+            asked.extend(study.ask() for _ in range(count))
+            fields = {trial.number: _suggested(trial, unused) for trial in asked}
+        with _heartbeats(study, asked):
+            yield fields
+    finally:
+        for trial in asked:
+            study.tell(trial, state=optuna.trial.TrialState.FAIL, skip_if_finished=True)
+
+
+def _suggested(trial: "Trial", unused: Collection[str]) -> dict[str, Any]:
     return {name: draw(trial, name) for name, draw in SPACE.items() if name not in unused}
+
+
+@contextmanager
+def _heartbeats(study: "Study", trials: Sequence["Trial"]) -> Iterator[None]:
+    """Say in the storage, as long as the block lasts, that trials have not died."""
+    over = Event()
+
+    def beat() -> None:
+        while not over.wait(HEARTBEAT_SECONDS):
+            for trial in trials:
+                study._storage.record_heartbeat(trial._trial_id)
+
+    for trial in trials:
+        study._storage.record_heartbeat(trial._trial_id)
+    thread = Thread(target=beat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

@@ -140,7 +140,7 @@ class Dies(Progress):
     def done(self, *_, **__):
         os.kill(os.getpid(), signal.SIGKILL)
 
-tune(TuningSettings(**SETTINGS), Dies())
+tune(TuningSettings(**SETTINGS), progress=Dies())
 """
     for _ in range(2):  # the second time the search is reopened
         assert child(killed.replace("SETTINGS", repr(vars(options)))) == -signal.SIGKILL
@@ -148,7 +148,13 @@ tune(TuningSettings(**SETTINGS), Dies())
         connect()
         assert "RUNNING" not in dict(runs(folder)).values()
         options = replace(options, trials=options.trials + 1)
-    found = tune(options)
+    with closing(sqlite3.connect(folder / "optuna.db")) as database:
+        running = "SELECT count(*) FROM trials WHERE state = 'RUNNING'"
+        assert database.execute(running).fetchone() == (2,), "what the killed had in hand"
+        database.execute("UPDATE trial_heartbeats SET heartbeat = datetime('now', '-181 seconds')")
+        database.commit()
+        found = tune(options)
+        assert database.execute(running).fetchone() == (0,)
     status = connect().client.get_run(found.run_id).info.status
     assert (found.trials, status) == (4, "FINISHED")
     assert left(folder) == []

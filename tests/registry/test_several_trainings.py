@@ -1,14 +1,18 @@
-"""Several trainings at once, on processes of this machine and on a Dask cluster."""
+"""Several trainings and trials at once, on processes of this machine and on a Dask cluster."""
 
 from pathlib import Path
+from typing import Any
 
+import optuna
 import pytest
-from clusters import Cluster
+from clusters import Cluster, kill
 
 from cli.jobs.train import AskedTraining, train_model, train_models, trained_before
-from cli.settings import TrainingSettings
+from cli.jobs.tune import tune
+from cli.settings import TrainingSettings, TuningSettings
 from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
+from pipeline.progress import Progress
 from registry.models import ModelVersion, load
 
 pytestmark = pytest.mark.system
@@ -27,8 +31,30 @@ def how(folder: Path, solved: Path) -> TrainingSettings:
     return TrainingSettings(data=str(solved), n=3, epochs=2, device="cpu")
 
 
-def test_trainings_at_once_give_the_networks_of_one_after_the_other(
-    how: TrainingSettings, cluster: Cluster
+class Kills(Progress):
+    """Kills a worker of a cluster as soon as anything is done."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self.cluster, self.complete = cluster, 0
+
+    def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
+        self.complete += units
+        if self.complete == 1:
+            kill(self.cluster.workers[0])
+
+
+def trials(
+    how: TrainingSettings, path: Path, workers: Workers, **more: Any
+) -> list[tuple[int, float | None, dict[str, Any]]]:
+    """Number, value and parameters of each trial of a search that is kept in a new file."""
+    asked = {"data": how.data, "n": how.n, "device": "cpu", "epochs": 1, "storage": path}
+    tune(TuningSettings(arch="ff1", trials=5, at_once=3, **asked), workers=workers, **more)
+    study = optuna.load_study(study_name=None, storage=f"sqlite:///{path}")
+    return [(one.number, one.value, one.params) for one in study.trials]
+
+
+def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
+    how: TrainingSettings, cluster: Cluster, folder: Path
 ) -> None:
     alone = [weights(train_model(*one, how)[0]) for one in ASKED]
     asked = [AskedTraining.of(*one, how) for one in ASKED]
@@ -40,6 +66,13 @@ def test_trainings_at_once_give_the_networks_of_one_after_the_other(
         newest = trained_before(*ASKED[1], how)
         assert newest is not None
         assert newest[0].version == found[1][0].version
+
+    one = trials(how, folder / "one.db", Workers(1))
+    assert all(value is not None for _, value, _ in one)
+    assert trials(how, folder / "two.db", Workers(2)) == one
+    there, progress = Workers(scheduler=cluster.address), Kills(cluster)
+    assert trials(how, folder / "there.db", there, progress=progress) == one
+    assert progress.complete == 5
 
 
 def test_a_worker_that_reads_other_data_is_refused(

@@ -3,21 +3,24 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import optuna
 import pytest
 
 from cli.jobs.tune import Tuned, tune
 from cli.settings import TuningSettings
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.supervised import Supervised
+from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.training import data as sources
+from pipeline.training.search import SPACE, drawn_trials, open_study
 from registry.models import list_versions
 from registry.store import connect
 
 
 def search(data: Path, trials: int, progress: Progress = SILENT, **options: Any) -> Tuned:
     asked = {"arch": "ff1", "data": str(data), "n": 3, "device": "cpu", "epochs": 2, **options}
-    return tune(TuningSettings(trials=trials, **asked), progress)
+    return tune(TuningSettings(trials=trials, **asked), progress=progress)
 
 
 def runs(name: str) -> list[Any]:
@@ -70,6 +73,36 @@ def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
     assert runs("prolearn-training") == [] and list_versions() == [], "a search registers nothing"
 
 
+def test_what_is_drawn_next_does_not_depend_on_the_order_of_results(tmp_path: Path) -> None:
+    def drawn(path: Path, step: int) -> list[Any]:
+        found: list[Any] = []
+        with open_study(path, "a search") as study:
+            for count in (10, 2, 2):  # by Optuna's model once ten are complete
+                with drawn_trials(study, path, count, seed=1) as some:
+                    for number in [*some][::step]:
+                        study.tell(number, some[number]["learning_rate"])
+                found += some.values()
+        return found
+
+    found = drawn(tmp_path / "first.db", 1)
+    assert drawn(tmp_path / "second.db", -1) == found
+    assert len({one["learning_rate"] for one in found}) == 14
+
+
+def test_a_trial_that_diverges_has_failed_and_is_not_made_again(
+    folder: Path, solved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rates = iter([1e30, 1e-3, 1e-3])
+    monkeypatch.setitem(SPACE, "learning_rate", lambda trial, name: next(rates))
+    counted = Counting()
+    assert search(solved, 3, counted).trials == 2
+    study = optuna.load_study(study_name=None, storage=f"sqlite:///{folder}/optuna.db")
+    assert [one.state.name for one in study.trials] == ["FAIL", "COMPLETE", "COMPLETE"]
+    assert (counted.complete, counted.expected) == (2, 3)
+    of = {r.info.run_name: r.info.status for r in runs("prolearn-tuning")}
+    assert of["trial-0"] == "FAILED" and of["trial-1"] == "FINISHED"
+
+
 def test_a_search_sees_no_test_data(folder: Path, solved: Path, monkeypatch: Any) -> None:
     asked: list[str] = []
     read = sources.examples_within
@@ -108,6 +141,12 @@ def test_a_storage_that_can_be_no_file_is_refused(
 def test_less_than_one_trial_is_refused(folder: Path, solved: Path) -> None:
     with pytest.raises(InputError, match="trials is 0"):
         search(solved, 0)
+
+
+def test_jobs_without_trials_to_train_at_once_are_refused(folder: Path, solved: Path) -> None:
+    how = TuningSettings(arch="ff1", data=str(solved), n=3, trials=2)
+    with pytest.raises(InputError, match=r"jobs is 2 .* such as --at-once 5"):
+        tune(how, workers=Workers(2))
 
 
 def test_an_objective_that_no_trial_records_is_refused(

@@ -16,6 +16,7 @@ from contents import content
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.dataset import card
 from pipeline.dataset.card import (
     HUB_NAMES,
     File,
@@ -297,6 +298,16 @@ def test_a_dataset_that_is_not_solved_or_damaged_gets_no_card(solved, tmp_path):
     with pytest.raises(InputError, match="licence is 'My own!'"):
         write_card(solved, licence="My own!")
     assert not (solved / "README.md").exists()
+
+
+def test_the_card_is_the_same_for_any_number_of_workers_and_pieces(carded, monkeypatch):
+    alone = (carded / "README.md").read_bytes()
+    monkeypatch.setattr(card, "PIECE", 1)  # each shard by itself
+    monkeypatch.setattr(card, "FEW", 0)
+    for jobs in (1, 2):
+        (carded / "README.md").unlink()
+        write_card(carded, workers=Workers(jobs))
+        assert (carded / "README.md").read_bytes() == alone
 
 
 def test_the_citation_is_that_of_the_project(carded):

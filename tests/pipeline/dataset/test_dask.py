@@ -13,6 +13,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from urllib.request import Request, urlopen
 
+import dask
 import numpy as np
 import pytest
 from clusters import Cluster, kill, until
@@ -26,10 +27,13 @@ from moto.server import ThreadedMotoServer
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.dataset import card
 from pipeline.dataset import samples as presets
+from pipeline.dataset.card import write_card
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.verifying import verify
+from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_one
 from pipeline.flight.errors import COLD_GAS
@@ -180,14 +184,25 @@ def test_a_cluster_of_one_thread_does_the_work_itself(cluster):
     assert {pid for _, pid in done} == {cluster.workers[0].pid}
 
 
-def test_scenarios_are_drawn_and_rows_verified_by_a_cluster(cluster, here, tmp_path):
+def test_scenarios_are_drawn_rows_verified_and_a_card_written_by_a_cluster(
+    cluster, here, tmp_path, monkeypatch
+):
     cluster.start_workers(1)
-    workers = Workers(scheduler=cluster.address)
+    workers, drawn = Workers(scheduler=cluster.address), tmp_path / "drawn"
     samples = {5: Sample(count=8 * SHARDS, shard_rows=8)}
-    sample(tmp_path / "drawn", samples, Problem(), workers=workers)
-    solve(tmp_path / "drawn", Settings(), workers=workers)
-    assert content(tmp_path / "drawn") == content(here)
-    assert list(verify(tmp_path / "drawn", workers=workers)) == []
+    sample(drawn, samples, Problem(), workers=workers)
+    solve(drawn, Settings(), workers=workers)
+    assert content(drawn) == content(here)
+    assert list(verify(drawn, workers=workers)) == []
+    alone = write_card(drawn, workers=Workers(1))
+    monkeypatch.setattr(card, "PIECE", 8 * 5 * 66 * 5)  # a few shards of eight scenarios
+    progress = After(lambda: None)
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1000}):
+        assert write_card(drawn, workers=workers, progress=progress) == alone
+    assert progress.shards == 3, "pieces"
+    (drawn / "n=5/part-00007.parquet").write_bytes(b"")
+    with pytest.raises(InputError, match=r"n=5/part-00007.* in .*drawn .*digest.*--repair"):
+        write_card(drawn, workers=workers)
 
 
 def test_workers_that_share_a_folder_mend_it_and_the_client_carries_no_shard(

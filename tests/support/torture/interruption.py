@@ -113,7 +113,10 @@ COMMANDS: dict[str, tuple[tuple[str, ...], Facts]] = {
         facts,
     ),
     "tune": (
-        ("tune", "--arch", "ff1", *DATA, "--n", "3", "--epochs", "1", "--trials", "2"),
+        (
+            *("tune", "--arch", "ff1", *DATA, "--n", "3", "--epochs", "1"),
+            *("--trials", "2", "--at-once", "2", "--jobs", "2"),
+        ),
         without_tuning,
     ),
     "models export": (
