@@ -53,7 +53,7 @@ def train(
     names = name_list(arch)
     if not names:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from cli.jobs.train import followed_recipe
+    from cli.jobs.training import followed_recipe
 
     asked = list(product(names, int_list(seed, "--seed", least=0)))
     for one, number in asked:
@@ -94,7 +94,8 @@ def _trained_at_once(
     resume: bool,
 ) -> list[dict[str, Any]]:
     """Train networks on workers, but for those that were trained before; say so of each."""
-    from cli.jobs.train import AskedTraining, train_models, trained_before
+    from cli.jobs.train import train_models, trained_before
+    from cli.jobs.training import AskedTraining
 
     with progress(f"training ({settings.recipe})") as shown:
         earlier = [trained_before(*one, settings, shown) if resume else None for one in asked]

@@ -87,11 +87,14 @@ def test_planning_by_the_refiner_imports_numba_which_imports_scipy(tmp_path):
     assert heavy_in_a_plan("refiner", tmp_path) == ["numba", "scipy"]
 
 
-def test_workers_of_experiments_and_datasets_import_nothing_that_draws_or_trains():
-    code = (
-        "import sys, pipeline.dataset.verifying, pipeline.experiments.flights\n"
-        "found = {'torch', 'mlflow', 'matplotlib', 'jinja2'} & set(sys.modules)\n"
-        "assert not found, found\n"
-    )
+@pytest.mark.parametrize(
+    ("modules", "heavy"),
+    [
+        ("pipeline.dataset.verifying, pipeline.experiments.flights", {"torch", "matplotlib"}),
+        ("cli.jobs.training", {"matplotlib"}),
+    ],
+)
+def test_workers_import_nothing_that_they_do_not_need(modules, heavy):
+    code = f"import sys, {modules}\nassert not {heavy | {'mlflow', 'jinja2'}} & set(sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -13,8 +13,7 @@ from cli.jobs.run_tables import add_to_model
 from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.reading import solved_rows
-from pipeline.dataset.schema import scenarios_of
+from pipeline.dataset.reading import solved_scenarios
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.example_transfer import example_transfer, write_example
 from pipeline.experiments.flights import run_flights
@@ -41,8 +40,6 @@ from pipeline.scratch import scratch_folder
 from pipeline.text import public_url
 from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
-
-COLUMNS = ("scenario_id", "n_spacecraft", "family", "initial", "goal")
 
 WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}
 """Swarm sizes of experiment 3 where none are given, by optimizer."""
@@ -111,7 +108,7 @@ def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: st
         raise InputError(f"trials is {trials}; expected at least 1.")
     manifest, scenarios = read_manifest(data), {}
     for n in sizes or sorted(manifest.samples):
-        found = scenarios_of(solved_rows(data, n, "test", COLUMNS))
+        found = solved_scenarios(data, n, "test")
         if not found:
             raise InputError(
                 f"{public_url(data)} has no test scenarios of n={n}; expected some: sample more."
@@ -226,7 +223,7 @@ def flights(
     ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
-        larger = scenarios_of(solved_rows(settings.data, LARGEST_SIZE, "test", COLUMNS))
+        larger = solved_scenarios(settings.data, LARGEST_SIZE, "test")
         larger = larger[: min(MOST_LARGER, settings.trials or MOST_LARGER)]
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
     shortest = replace(scenarios[0].problem, nodes=SHORTEST)

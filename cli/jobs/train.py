@@ -1,34 +1,30 @@
 """A network trained on a dataset and registered, and the champion that it is compared with."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 
 import pandas as pd
 
-from cli.jobs.experiments import COLUMNS
+from cli.jobs.training import (
+    AskedTraining,
+    FinishedTraining,
+    followed_recipe,
+    train_and_fly,
+    train_in_worker,
+    validation_trials,
+)
 from cli.settings import TrainingSettings
-from pipeline.dataset.examples import ExampleSource
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.reading import solved_rows
-from pipeline.dataset.schema import scenarios_of
-from pipeline.errors import InputError, ProlearnError, check_range
-from pipeline.experiments.trials import Comparison, EvaluatedPlanner, run_trials
+from pipeline.errors import InputError
 from pipeline.experiments.verdicts import compare
-from pipeline.networks.architecture import changed_recipe
 from pipeline.networks.device import torch_device
-from pipeline.networks.model import Model
-from pipeline.networks.recipes import Recipe
-from pipeline.parallel.workers import Workers, check_worker
-from pipeline.planners.network import NetworkPlanner
+from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
-from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
-from pipeline.text import public_url
-from pipeline.training.data import sources
-from pipeline.training.loop import POSITION_RMSE, Trained, position_rmse, train
+from pipeline.training.loop import POSITION_RMSE
 from registry import models
 from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
@@ -36,8 +32,6 @@ from registry.models import ModelVersion
 from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
-MEMORY = (1e-9, 1e6)  # least and most that examples may take, GB
-COMPARED_ON = 500  # validation scenarios that versions are compared on
 SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a training run
 
 
@@ -47,14 +41,6 @@ class Contest:
 
     champion: ModelVersion
     reason: str
-
-
-def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
-    """The recipe with the fields that the settings change; InputError for any that is none."""
-    check_range("seed", seed, 0, SEEDS - 1)
-    given = {field.name: getattr(settings, field.name, None) for field in fields(Recipe)}
-    changes = {name: value for name, value in given.items() if value is not None}
-    return changed_recipe(arch, settings.recipe, changes)
 
 
 def trained_before(
@@ -97,45 +83,6 @@ def trained_before(
     return version, challenge(version, trials, settings.data)
 
 
-@dataclass(frozen=True)
-class AskedTraining:
-    """A training as a task of a worker: network, seed, settings, and digest of the data."""
-
-    arch: str
-    seed: int
-    settings: TrainingSettings
-    digest: str
-
-    @classmethod
-    def of(cls, arch: str, seed: int, settings: TrainingSettings) -> "AskedTraining":
-        """The training on the data as they are now; InputError where there are none."""
-        check_range("memory in GB", settings.memory, *MEMORY)
-        digest = read_manifest(settings.data).digest(settings.n)
-        return cls(arch, seed, settings, digest)
-
-    @property
-    def recipe(self) -> Recipe:
-        """The recipe that it follows."""
-        return followed_recipe(self.arch, self.seed, self.settings)
-
-    def examples(self, progress: Progress) -> tuple[ExampleSource, ExampleSource]:
-        """What it learns from, and what decides which weights are kept."""
-        how, memory = self.settings, self.settings.memory * 1e9
-        return sources(
-            self.recipe, how.data, how.n, seed=self.seed, memory=memory, progress=progress
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class FinishedTraining:
-    """The result of a training that is not yet recorded."""
-
-    trained: Trained
-    instances: tuple[int, int]  # of training and of validation
-    error: float  # of positions on validation data, m
-    trials: pd.DataFrame  # flown on validation scenarios, columns of Trial
-
-
 def train_model(
     arch: str, seed: int, settings: TrainingSettings, progress: Progress = SILENT
 ) -> tuple[ModelVersion, Contest]:
@@ -147,7 +94,7 @@ def train_model(
     asked = AskedTraining.of(arch, seed, settings)
     data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after
-    finished = _train_and_fly(asked, data, progress)
+    finished = train_and_fly(asked, data, progress)
     version = _record(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
 
@@ -162,7 +109,7 @@ def train_models(
     """
     progress.expect(len(asked))
     connect()
-    one = partial(_train_in_worker, made_with(*TRAINED_BY))
+    one = partial(train_in_worker, made_with(*TRAINED_BY))
     done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
     tasks = list(enumerate(asked))
     with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:
@@ -173,37 +120,6 @@ def train_models(
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _train_in_worker(
-    expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
-) -> FinishedTraining:
-    """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
-    check_worker(expected, TRAINED_BY)
-    asked = task[1]
-    check_data(asked.settings.data, asked.settings.n, asked.digest)
-    return _train_and_fly(asked, asked.examples(SILENT), SILENT)
-
-
-def check_data(data: Where, n: int, digest: str) -> None:
-    """In a worker: ProlearnError where the data differ from those that the work was asked for."""
-    if read_manifest(data).digest(n) != digest:
-        raise ProlearnError(
-            f"{public_url(data)} holds other data on a worker; expected the same on all "
-            "machines: give a folder or a URL that all of them reach."
-        )
-
-
-def _train_and_fly(
-    asked: AskedTraining, data: tuple[ExampleSource, ExampleSource], progress: Progress
-) -> FinishedTraining:
-    """Train a network and fly it on validation scenarios."""
-    how, seed, (learn, valid) = asked.settings, asked.seed, data
-    of = asked.arch, asked.recipe, learn, valid
-    trained = train(*of, seed=seed, device=how.device, progress=progress)
-    trials = validation_trials(trained.model, how.data, how.n)
-    error = position_rmse(trained.model, valid)
-    return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
-
-
 def _record(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
@@ -212,16 +128,6 @@ def _record(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
         dataset=DatasetInfo(asked.settings.data, asked.digest, *finished.instances),
         metrics={POSITION_RMSE: finished.error} | flown_metrics(finished.trials),
     )
-
-
-def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
-    """A network flown on validation scenarios, columns of Trial; InputError where none fits it."""
-    scenarios = scenarios_of(solved_rows(data, n, "valid", COLUMNS))[:COMPARED_ON]
-    if not scenarios:
-        return pd.DataFrame()
-    flown = EvaluatedPlanner(NetworkPlanner(model, model.architecture))
-    (table,) = run_trials([Comparison([flown], scenarios)])
-    return table
 
 
 def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:

@@ -11,26 +11,30 @@ from typing import TYPE_CHECKING, Any
 
 from mlflow.exceptions import MlflowException
 
-from cli.jobs.train import check_data
+from cli.jobs.training import (
+    AskedTrial,
+    FinishedTraining,
+    Sources,
+    train_trial,
+    trial_examples,
+)
 from cli.settings import TuningSettings
-from pipeline.dataset.examples import ExampleSource
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.networks.architecture import find, recipe_for, unused_fields
 from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import MOST, Recipe
-from pipeline.parallel.workers import Workers, check_worker
+from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
-from pipeline.training.data import sources
-from pipeline.training.loop import POSITION_RMSE, position_rmse, train
+from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags
 from registry.running import recorded_run
 from registry.store import TUNING, Store, explained, opened
-from registry.training import DatasetInfo, TrainingRecord, record_of
+from registry.training import DatasetInfo, record_of
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -41,9 +45,6 @@ OBJECTIVES = (POSITION_RMSE, "best_valid_loss")
 """Metrics of a training that a search may make small, as its architecture says."""
 
 PARENT = "mlflow_run_id"  # under this name a study remembers its MLflow run
-
-
-Sources = tuple[ExampleSource, ExampleSource]  # examples of training and of validation
 
 
 @dataclass(frozen=True)
@@ -97,16 +98,6 @@ class Tuned:
         return f"{self.value:.4g} of {self.objective}"
 
 
-@dataclass(frozen=True)
-class AskedTrial:
-    """A trial as a task of a worker."""
-
-    number: int  # in its study
-    recipe: Recipe
-    settings: TuningSettings
-    digest: str  # of the data
-
-
 def tune(
     settings: TuningSettings, *, workers: Workers | None = None, progress: Progress = SILENT
 ) -> Tuned:
@@ -128,7 +119,7 @@ def tune(
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
-    data: Sources | None = _examples(recipe if alone else replace(recipe, crowded=0), settings)
+    data: Sources | None = trial_examples(recipe if alone else replace(recipe, crowded=0), settings)
     data = data if alone else None
     digest = read_manifest(settings.data).digest(settings.n)
     with opened(TUNING) as store:
@@ -152,10 +143,6 @@ def tune(
             return Tuned(study.study_name, path, run_id, trials, objective, *best)
 
 
-def _examples(recipe: Recipe, how: TuningSettings) -> Sources:
-    return sources(recipe, how.data, how.n, seed=how.seed)
-
-
 def _parent_of(study: "Study", store: Store) -> str | None:
     """Id of the run that has a study's trials under it, where the store still knows it."""
     known = study.user_attrs.get(PARENT)
@@ -175,7 +162,7 @@ def _search(
 ) -> None:
     """Make the trials that are left; this process has the data, or each worker reads them."""
     how, unused = search.settings, unused_fields(find(search.settings.arch))
-    one = partial(_train, made_with(*TRAINED_BY))
+    one = partial(train_trial, made_with(*TRAINED_BY))
     last = min(how.trials, complete(study))
     left = how.trials - last  # a loss that diverges is an answer, too
     progress.expect(left)
@@ -209,40 +196,28 @@ def _tell_best(
     progress.done(more, f"best {least:.4g}{unit}")
 
 
-def _train(
-    expected: Mapping[str, str], asked: AskedTrial, data: Sources | None
-) -> TrainingRecord | None:
-    """In a worker: train once; None where the loss diverges."""
-    check_worker(expected, TRAINED_BY)
-    how, recipe = asked.settings, asked.recipe
-    check_data(how.data, how.n, asked.digest)
-    learn, valid = data or _examples(recipe, how)
-    try:
-        trained = train(how.arch, recipe, learn, valid, seed=how.seed, device=how.device)
-    except InputError:
-        raise
-    except ProlearnError:
-        return None
-    dataset = DatasetInfo(how.data, asked.digest, len(learn), len(valid))
-    error = {POSITION_RMSE: position_rmse(trained.model, valid)}
-    return record_of(trained, recipe=recipe, seed=how.seed, dataset=dataset, metrics=error)
-
-
 def _record(
-    asked: AskedTrial, found: TrainingRecord | None, study: "Study", search: RecipeSearch
+    asked: AskedTrial, found: FinishedTraining | None, study: "Study", search: RecipeSearch
 ) -> None:
     """Record a trial as a nested run and in its study, one that diverged as failed."""
-    store, tags = search.store, environment_tags(TRAINED_BY)
+    store, tags, how = search.store, environment_tags(TRAINED_BY), asked.settings
     with explained(store.uri):
         with recorded_run(store, TUNING, f"trial-{asked.number}", tags) as run_id:
             if found:
+                dataset = DatasetInfo(how.data, asked.digest, *found.instances)
+                record = record_of(
+                    found.trained,
+                    recipe=asked.recipe,
+                    seed=how.seed,
+                    dataset=dataset,
+                    metrics={POSITION_RMSE: found.error},
+                )
                 store.client.log_batch(
                     run_id,
-                    metrics=[*curve_metrics(found.history), *metrics_of(found.metrics)],
-                    params=params_of({**found.params, "trial": asked.number}),
+                    metrics=[*curve_metrics(record.history), *metrics_of(record.metrics)],
+                    params=params_of({**record.params, "trial": asked.number}),
                 )
         if not found:
             store.client.set_terminated(run_id, "FAILED")
-    if found:
-        value = found.metrics[search.objective]
-        study.tell(asked.number, value, skip_if_finished=True)  # as by one that took it for dead
+    if found:  # unless one that took the trial for dead has told of it
+        study.tell(asked.number, record.metrics[search.objective], skip_if_finished=True)

@@ -8,10 +8,11 @@ import pyarrow.compute as pc
 
 from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import Manifest, Shard, read_manifest
-from pipeline.dataset.schema import problem_of, stacked
+from pipeline.dataset.schema import SCENARIO_FIELDS, problem_of, scenarios_of, stacked
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
+from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import decode, has_metadata, read_content, sound
 from pipeline.text import public_url
@@ -92,6 +93,11 @@ def solved_rows(
     shards = _shards(folder, manifest, n, split) or _shards(folder, manifest, n)[:1]
     table = pa.concat_tables([read_solved(folder, manifest, one, wanted) for one in shards])
     return table if split is None else table.filter(pc.field("split") == split)
+
+
+def solved_scenarios(where: Where | Folder, n: int, split: str) -> list[Scenario]:
+    """Scenarios of one swarm size and split in order of their index; errors as ``solved_rows``."""
+    return scenarios_of(solved_rows(where, n, split, [one.name for one in SCENARIO_FIELDS]))
 
 
 def examples(where: Where | Folder, n: int, split: str) -> Examples:

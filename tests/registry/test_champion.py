@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from noisy import network
 
-from cli.jobs.train import challenge, flown_metrics, promote, train_model, validation_trials
+from cli.jobs.train import challenge, flown_metrics, promote, train_model
+from cli.jobs.training import validation_trials
 from cli.settings import TrainingSettings
 from pipeline.errors import InputError
 from pipeline.networks.model import Model

@@ -19,7 +19,8 @@ from planted import one_size
 from typer.testing import CliRunner
 
 from cli.jobs.networks import networks
-from cli.jobs.train import challenge, validation_trials
+from cli.jobs.train import challenge
+from cli.jobs.training import validation_trials
 from cli.main import app
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError

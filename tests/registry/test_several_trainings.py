@@ -7,7 +7,8 @@ import optuna
 import pytest
 from clusters import Cluster, kill
 
-from cli.jobs.train import AskedTraining, train_model, train_models, trained_before
+from cli.jobs.train import train_model, train_models, trained_before
+from cli.jobs.training import AskedTraining
 from cli.jobs.tune import tune
 from cli.settings import TrainingSettings, TuningSettings
 from pipeline.errors import InputError, ProlearnError
