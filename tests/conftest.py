@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import atexit
 import gc
 import os
 import tempfile
@@ -47,9 +48,14 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_unconfigure() -> None:
-    """Collect garbage once and freeze the rest, since pytest then collects many times over."""
+    """Collect garbage once and freeze the rest, since pytest then collects many times over.
+
+    At the end the interpreter takes modules apart as usual, or duckdb would complain.
+    """
     gc.collect()
     gc.freeze()
+    atexit.unregister(gc.freeze)  # of commands
+    atexit.register(gc.unfreeze)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
