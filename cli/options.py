@@ -159,5 +159,6 @@ def workers_of(context: typer.Context, settings: "WorkerSettings") -> "Workers":
             "backend is 'dask' and no scheduler is given; expected its address: "
             "--scheduler tcp://HOST:8786."
         )
+    refuse(context, ("jobs",), "beside --backend dask, where `dask worker` decides; leave it out.")
     shared = getattr(settings, "shared", False)
     return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait, shared)

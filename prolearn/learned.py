@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.errors import told_which_extra
+from pipeline.errors import InputError, check_choice, told_which_extra
+from pipeline.scenario import SPLITS
+from pipeline.text import public_url
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,8 +31,19 @@ def read_dataset(
     """
     with told_which_extra():
         from pipeline.dataset.reading import solved_rows
+        from pipeline.dataset.schema import SOLVED_FIELDS
 
-    return solved_rows(where, n, split, columns)
+    if split is not None:
+        check_choice("split", split, SPLITS)
+    for column in columns or ():
+        check_choice("column", column, [field.name for field in SOLVED_FIELDS])
+    rows = solved_rows(where, n, split, columns)
+    if len(rows) == 0:
+        raise InputError(
+            f"{public_url(where)} has no rows of n={n} in its {split} split; expected some: sample "
+            "more scenarios."
+        )
+    return rows if columns is None else rows.select(list(columns))
 
 
 def models() -> "list[ModelVersion]":

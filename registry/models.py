@@ -1,7 +1,7 @@
 """Registered models: listed, found by name, loaded, made the champion."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from json import dumps
@@ -102,6 +102,20 @@ def recipe_params(recipe: Recipe) -> dict[str, Any]:
     """A recipe as parameters of a run."""
     values = asdict(recipe) | {"options": dumps(dict(recipe.options), sort_keys=True)}
     return {PARAM_OF_FIELD[name]: value for name, value in values.items()}
+
+
+def table_names(versions: Sequence[ModelVersion]) -> dict[str, str]:
+    """By URI, what tables call the networks of some versions: their architecture.
+
+    With the version, where an average over seeds would be over different trainings.
+    """
+    names = {}
+    for version in versions:
+        alike = [v for v in versions if v.label == version.label]
+        again = [v.training_seed for v in alike].count(version.training_seed) > 1
+        mixed = again or len({v.training_key for v in alike}) > 1
+        names[version.uri] = f"{version.arch}/{version.version}" if mixed else version.arch
+    return names
 
 
 def list_versions() -> list[ModelVersion]:

@@ -38,6 +38,7 @@ from registry.models import (
     read_version,
     recipe_params,
     run_of_version,
+    table_names,
 )
 from registry.pyfunc import SIGNATURE
 from registry.running import recorded_run
@@ -300,9 +301,10 @@ def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
 
 def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """A row for each version, columns of Training; and for each epoch, columns of EpochLosses."""
+    names = table_names(versions)
     with opened(create=False) as store:
-        epochs = [epoch for version in versions for epoch in _epochs(store, version)]
-    rows = [_training_row(version) for version in versions]
+        epochs = [e for v in versions for e in _epochs(store, v, names[v.uri])]
+    rows = [_training_row(version) | {"arch": names[version.uri]} for version in versions]
     return (
         pd.DataFrame(rows, columns=[field.name for field in fields(Training)]),
         pd.DataFrame(epochs, columns=[field.name for field in fields(EpochLosses)]),
@@ -315,7 +317,7 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     counts = ("parameters", "epochs", "train_instances")
     measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
     return {
-        **{name: getattr(version, name) for name in ("arch", "recipe", "training_seed", "version")},
+        **{name: getattr(version, name) for name in ("recipe", "training_seed", "version")},
         **{name: entities.whole_number(params.get(name, "")) for name in counts},
         **{name: metrics.get(name) for name in measured},
         **{name: params.get(name) for name in ("device", "threads")},
@@ -325,7 +327,7 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     }
 
 
-def _epochs(store: Store, version: ModelVersion) -> list[EpochLosses]:
+def _epochs(store: Store, version: ModelVersion, name: str) -> list[EpochLosses]:
     """The losses of a training; none where its run is gone."""
     if not version.params:
         return []
@@ -333,6 +335,6 @@ def _epochs(store: Store, version: ModelVersion) -> list[EpochLosses]:
         {m.step: m.value for m in store.client.get_metric_history(version.run_id, loss)}
         for loss in CURVES
     )
-    of = version.arch, version.recipe, version.training_seed
+    of = name, version.recipe, version.training_seed
     steps = sorted({*train, *valid})
     return [EpochLosses(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]

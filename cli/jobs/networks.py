@@ -15,7 +15,7 @@ from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.planners.planner import Planner
 from pipeline.storage.folder import Where
 from pipeline.text import public_url
-from registry.models import ModelVersion, load, newest_trainings, resolve
+from registry.models import ModelVersion, load, newest_trainings, resolve, table_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +64,11 @@ def networks(references: Sequence[str], data: Where, arch: str = "") -> list[Eva
     named = {v.uri: v for v in map(resolve, references)}.values()
     chosen = named or [v for v in newest_on(data) if arch in ("", v.arch)]
     chosen = sorted(chosen, key=lambda v: (v.arch, v.recipe, v.training_seed, v.version))
-    found, problem = [], read_manifest(data).problem
+    found, problem, names = [], read_manifest(data).problem, table_names(chosen)
     for version in chosen:
-        # A name with the version, where an average over seeds would be over different trainings.
-        alike = [v for v in chosen if v.label == version.label]
-        again = [v.training_seed for v in alike].count(version.training_seed) > 1
-        mixed = again or len({v.training_key for v in alike}) > 1
-        name = f"{version.arch}/{version.version}" if mixed else version.arch
         model, _ = load(version)
         check_problem(model, problem, public_url(data))
-        found.append(EvaluatedNetwork(model, version, name))
+        found.append(EvaluatedNetwork(model, version, names[version.uri]))
     return found
 
 

@@ -103,10 +103,15 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
             except ProlearnError as error:
                 notes.append(f"{name} is left out: {error}")
         elif other := latest(part.experiment, part.having):
-            others = "other models or other data" if part.same == SAME else "other data"
-            text = "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; "
-            of = (name, other.run_id, _day(other), others, part.command)
-            notes.append(formatted(text + "`{}` makes one.", *of))
+            others, options = "other data", "--data"
+            if part.same == SAME:
+                others, options = "other models or other data", "--data and --models"
+            text = (
+                "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; `{}` "
+                "with {} of this evaluation makes one."
+            )
+            of = (name, other.run_id, _day(other), others, part.command, options)
+            notes.append(formatted(text, *of))
     return found, notes
 
 

@@ -101,7 +101,7 @@ class Flight:
 class Training:
     """A trained model; None is what its run does not say."""
 
-    arch: str
+    arch: str  # with the version (ff1/3) where others beside it differ in more than the seed
     recipe: str
     training_seed: int  # of weights, order and dropout
     version: int  # of the registered model

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from pipeline.experiments import paper
 from pipeline.experiments.averages import Average, average, over_trainings
 from pipeline.figures import labels
-from pipeline.figures.labels import REFINERS, count, in_order, name_of, number
+from pipeline.figures.labels import REFINERS, architecture_of, count, in_order, name_of, number
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -52,7 +52,7 @@ FAMILIES = {
 def section(training: pd.DataFrame, curves: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     """Table of the models and figure of their losses, where they were recorded."""
     values = {
-        "refiner": training["arch"].isin(REFINERS).any(),
+        "refiner": training["arch"].map(architecture_of).isin(REFINERS).any(),
         "models": None if training.empty else training_table(training),
         "losses": None if curves.empty else Picture("training", curves_figure(curves, look)),
     }
@@ -64,7 +64,8 @@ def training_table(training: pd.DataFrame) -> Table:
     order = {"arch": in_order(training["arch"])}
     rows = training.assign(recipe=training["recipe"].fillna(""), versions=training["version"])
     frame = over_trainings(rows, ["arch", "recipe"], AVERAGES, order)
-    frame = frame.assign(name=frame["arch"].map(name_of)).join(paper.TRAININGS, on="arch")
+    papers = paper.TRAININGS.reindex(frame["arch"].map(architecture_of)).set_index(frame.index)
+    frame = frame.assign(name=frame["arch"].map(name_of)).join(papers)
     return Table("training", frame.fillna({"paper_neurons": "–"}), COLUMNS)
 
 
@@ -73,7 +74,8 @@ def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     """Training and validation loss against epoch: a row for each recipe, a column a family."""
     known = {arch: family for family, archs in FAMILIES.items() for arch in archs}
     curves = curves.assign(
-        recipe=curves["recipe"].fillna(""), family=[known.get(a, "Other") for a in curves["arch"]]
+        recipe=curves["recipe"].fillna(""),
+        family=[known.get(architecture_of(a), "Other") for a in curves["arch"]],
     )
     families = [family for family in FAMILIES if family in set(curves["family"])]
     recipes = sorted(curves["recipe"].unique())

@@ -124,6 +124,11 @@ def name_in_sentence(planner: str) -> str:
     return f"the {planner}" if planner in EXPERTS | REFINERS else name_of(planner)
 
 
+def architecture_of(planner: str) -> str:
+    """The architecture of a network, also where that is named with its version ("ff1/3")."""
+    return planner.partition("/")[0]
+
+
 def is_of_paper(planner: str) -> bool:
-    """Whether a planner is a network of the paper's, be it of one version alone ("ff1/3")."""
-    return planner.partition("/")[0] in FEED_FORWARD | RECURRENT
+    """Whether a planner is a network of the paper's, be it of one version alone."""
+    return architecture_of(planner) in FEED_FORWARD | RECURRENT

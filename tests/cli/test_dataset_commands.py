@@ -72,6 +72,7 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["solve", "DATA", "--scheduler-wait", "60"], "expected it with --backend dask"),
         (["solve", "DATA", "--scheduler", "tcp://h:1"], "--scheduler is tcp://h:1 and work on"),
         (["solve", "DATA", "--shared"], "--shared is given and work on this machine has no sched"),
+        (["solve", "DATA", *DASK, "--jobs", "2"], "--jobs is given beside --backend dask"),
         (["dataset", "--backend", "loky", "--scheduler", "tcp://h:1"], "it with --backend dask"),
         (["solve", "DATA", *DASK, "--scheduler-wait", "-1"], "scheduler is -1; expected a number"),
         (

@@ -11,6 +11,7 @@ import pytest
 
 from cli.jobs.networks import networks
 from pipeline.errors import InputError, ProlearnError
+from pipeline.experiments.trainings import training_table
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import ModelVersion, list_versions, load, newest_trainings, resolve
@@ -103,6 +104,19 @@ def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) ->
     newest = [(v.recipe, v.version) for v in newest_trainings()]
     assert newest == [("paper", 3), ("tuned", 2)]
     assert list(training_tables(newest_trainings())[0]["version"]) == [3, 2]
+
+
+def test_trainings_that_differ_in_more_than_the_seed_are_not_averaged(project: Project) -> None:
+    for rmse in (3.0, 2.0):  # with the same seed
+        project.train(rmse)
+
+    training, curves = training_tables(list_versions())
+
+    assert list(training["arch"]) == ["ff1/1", "ff1/2"]
+    assert list(curves.groupby("arch").size()) == [len(project.trained.history)] * 2
+    table = training_table(training).frame
+    assert list(table["name"]) == ["ff1/1", "ff1/2"]
+    assert list(table["paper_neurons"]) == ["180", "180"]
 
 
 def test_an_empty_registry_gives_empty_tables(folder: Path) -> None:

@@ -113,7 +113,8 @@ def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str]) -> N
     assert set(training["arch"]) == {"ff1", "lstm1"}
     for optimizer in ("expert", "plain"):
         assert f"Experiment 3, {optimizer}: the newest run ({done[optimizer]}, 20" in text
-        assert f"`prolearn warmstart --optimizer {optimizer}` makes one" in text
+        command = f"`prolearn warmstart --optimizer {optimizer}` with --data and --models of this"
+        assert command in text
     assert "No warm starts of these models on these data" in text
 
 

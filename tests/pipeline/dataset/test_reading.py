@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from forged import forge
 
+import prolearn
 from pipeline.dataset.reading import examples, examples_within, solved_rows
 from pipeline.dataset.schema import problem_of
 from pipeline.errors import InputError
@@ -140,3 +141,16 @@ def test_more_rows_than_there_may_be_are_refused():
     table = pa.table({"scenario_id": ["x"] * 1000})
     with pytest.raises(InputError, match=r"holds 1000 rows .*; expected at most 999 rows"):
         decode(encode(table), Size(rows=999, values=1000))
+
+
+def test_from_python_what_is_asked_for_is_read_and_what_is_not_there_refused(solved):
+    rows = prolearn.read_dataset(solved, 3, "valid", ["fuel", "scenario_id"])
+    assert rows.column_names == ["fuel", "scenario_id"]
+    assert rows["scenario_id"][0].as_py() == "rings-s5-n3-valid-000000"
+    for split, columns, said in (
+        ("tset", None, "split is 'tset'; expected train or valid or test"),
+        ("valid", ["feul"], "column is 'feul'; expected scenario_id or"),
+        ("test", None, "has no rows of n=3 in its test split; expected some"),
+    ):
+        with pytest.raises(InputError, match=said):
+            prolearn.read_dataset(solved, 3, split, columns)
