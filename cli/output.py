@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
+from io import TextIOWrapper
 from typing import Any
 
 import typer
@@ -12,11 +13,17 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.errors import InputError
-from pipeline.files import STDIO
+from pipeline.files import STDIO, write_text
 from pipeline.text import visible
 
 WIDE = 1000  # columns that a table may take where no terminal cuts it
 LEAST = 8  # characters of its first column that a table keeps on the narrowest terminal
+
+
+def print_whatever_the_locale() -> None:
+    """Have characters that stdout's encoding lacks, such as Δ in Latin-1, shown as ?."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def echo(*lines: object, err: bool = False) -> None:
@@ -88,4 +95,5 @@ def print_json(document: Any) -> None:
 
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo("\n".join(visible(line, lambda c: json.dumps(c)[1:-1]) for line in text.split("\n")))
+    lines = (visible(line, lambda c: json.dumps(c)[1:-1]) for line in text.split("\n"))
+    write_text(STDIO, "\n".join(lines) + "\n")
