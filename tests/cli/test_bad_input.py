@@ -103,12 +103,19 @@ CASES = {
             ["show", "plan.json", "--out", "foreign/file/p.html"],
         )
     },
+    "a folder for a plan": (["show", "."], ". cannot be read"),
     "no scenario to trade off": (["tradeoff", "none.json", "--duration", "1..2h"], "none.json"),
     "an unknown assignment": (
         ["plan", "good.json", "--out", "p.json", "--assignment", "best"],
         "best",
     ),
     "a risk that is none": ([*RISKY, "--risk", "2"], "risk is 2"),
+    "a risk of 0": ([*RISKY, "--risk", "0"], "risk is 0; expected a probability"),
+    "no errors and a sigma": ([*RISKY, "--risk", "0.1", "--errors", "none"], "one of the two"),
+    "errors of a preset without a risk": (
+        ["plan", "good.json", "--out", "p.json", "--errors", "none"],
+        "--errors is given without --risk",
+    ),
     "a risk of nothing": (["plan", "good.json", "--out", "p.json", "--risk", "0.1"], "no error is"),
     "errors without a risk": (RISKY, "without --risk"),
     "errors that are none": (
