@@ -202,7 +202,7 @@ def _remarks(row: Row) -> list[str]:
         )
     if row["model_error"] > row["collision_radius"]:
         said.append(
-            f"about an oblate Earth craft end some {row['model_error']:.2g} m off their goals, "
+            f"outside the linear model craft end some {row['model_error']:.2g} m off their goals, "
             f"more than collision_radius: prolearn fly {row['plan']}"
         )
     return said

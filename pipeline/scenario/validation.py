@@ -310,7 +310,9 @@ def _reachable(scenario: Scenario) -> Diagnostic:
     if cases:
         given = f"max_acceleration, {limit:g} m/s²," if np.isfinite(limit) else "any thrust"
         text = f"craft that {given} is too little for: {len(cases)}"
-        cure = "raise max_acceleration, or give more time by time_step or nodes"
+        cure = "give more time by time_step or nodes"
+        if np.isfinite(least[short]).any():
+            cure = f"raise max_acceleration, or {cure}"
         return Diagnostic(REACHABLE, "transfer", text, cases, cure)
     text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
     return Diagnostic(REACHABLE, "transfer", text)

@@ -141,6 +141,7 @@ def test_options_that_do_not_go_together_are_refused_in_a_sentence(prolearn, tmp
         (("--from", ring), "--from or --to alone"),
         (("--from", ring, "--to", ring, "--seed", "0"), "--seed is given"),
         (("--from", ring, "--to", "100"), "--to is '100'"),
+        (("--from", ring, "--to", "craft=2,size=9,craft=3"), "fields of a ring, each once"),
         (("--from", ring, "--to", "craft=2,size=9,tilt_deg=x"), "goal.rings[0].tilt_deg is 'x'"),
         (("--n", "0"), "n is 0"),
         (("--altitude", "-1"), "altitude"),
