@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo, print_whatever_the_locale
 from pipeline.errors import InputError, ProlearnError, missing
+from pipeline.files import unfinished
 from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -60,7 +61,7 @@ class CommandGroup(TyperGroup):
         except (ProlearnError, OSError) as error:
             if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
                 raise
-            _stop(ctx, str(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
+            _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
         except KeyboardInterrupt as stop:
             word, status = (
                 ("terminated", TERMINATED)
@@ -103,6 +104,15 @@ def _sigterm_raises() -> Iterator[None]:
     finally:
         sys.unraisablehook = usual
         signal.signal(signal.SIGTERM, before)
+
+
+def _in_words(error: Exception) -> str:
+    """What an error says; where a file could not be made, of that file and not our temporary one."""
+    name = getattr(error, "filename", None)
+    wanted = unfinished(Path(name)) if isinstance(error, OSError) and name else None
+    if wanted is None:
+        return str(error)
+    return f"{wanted} cannot be written ({error.strerror}); expected another folder or name: give one."
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:

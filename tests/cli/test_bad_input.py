@@ -243,3 +243,11 @@ def test_drift_is_accepted_where_it_is_allowed(prolearn, tmp_path):
     done = prolearn("plan", "drift.json", "--out", "p.json", "--allow-drift")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "p.json").exists()
+
+
+def test_a_file_that_cannot_be_made_is_said_by_its_own_name(prolearn, tmp_path):
+    name = 240 * "x" + ".json"  # with what our temporary file's has besides, too long
+    done = prolearn("scenario", "new", name, "--n", "2")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith(f"prolearn: {name} cannot be written (File name too long); exp")
+    assert list(tmp_path.iterdir()) == []
