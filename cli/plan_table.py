@@ -178,7 +178,7 @@ def _burn(row: Row) -> list[str]:
     least, bare = burn["least"], burn["fuel_without"]
     return [
         MISSING if least is None else number(1e3 * least),
-        f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING,
+        f"{row['fuel'] / bare - 1:z.2%}" if bare and row["fuel"] else MISSING,
     ]
 
 
