@@ -107,12 +107,13 @@ def _sigterm_raises() -> Iterator[None]:
 
 
 def _in_words(error: Exception) -> str:
-    """What an error says; where a file could not be made, of that file and not our temporary one."""
-    name = getattr(error, "filename", None)
-    wanted = unfinished(Path(name)) if isinstance(error, OSError) and name else None
-    if wanted is None:
-        return str(error)
-    return f"{wanted} cannot be written ({error.strerror}); expected another folder or name: give one."
+    """What an error says: of a file that could not be made, not of our temporary one."""
+    if isinstance(error, OSError) and isinstance(error.filename, str):
+        wanted = unfinished(Path(error.filename))
+        if wanted is not None:
+            why = error.strerror
+            return f"{wanted} cannot be written ({why}); expected another folder or name."
+    return str(error)
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:

@@ -64,9 +64,9 @@ def print_table(
     taken = accumulate(one + 1 for one in (min(LEAST, wide[0]), *wide[1:]))
     fit = max(2, sum(one <= width for one in taken))
     if fit < len(wide):
-        for shown in (range(fit), (0, *range(fit, len(wide)))):
-            part = [[row[k] for k in shown] for row in (headings, *rows)]
-            left = [k for k, column in enumerate(shown) if column in texts]
+        for which in (range(fit), [0, *range(fit, len(wide))]):
+            part = [[row[k] for k in which] for row in (headings, *rows)]
+            left = [k for k, column in enumerate(which) if column in texts]
             print_table(part[0], part[1:], texts=left, marked=marked)
         return
     room = max(LEAST, width - sum(wide[1:]) - len(wide))
