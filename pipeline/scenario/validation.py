@@ -206,7 +206,7 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
     e = problem.mean_motion
     mismatch = energy_mismatch(states, e)
     off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
-    drift, wanted = -6 * np.pi / e * mismatch, -2 * e * states[:, 0]
+    drift, wanted = -6 * np.pi / e * mismatch, 0.0 - 2 * e * states[:, 0]
     columns = {"mismatch": mismatch, "drift_per_orbit": drift, "vy_wanted": wanted}
     cases = tuple(
         Case(

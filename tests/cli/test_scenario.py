@@ -118,11 +118,14 @@ def test_a_file_that_cannot_be_read_has_status_2_and_all_its_faults_in_one_line(
     prolearn("scenario", "new", "s.json", "--n", "2")
     document = json.loads((tmp_path / "s.json").read_text())
     document |= {"nodes": 1, "goal": {"rings": [{"craft": 2, "size": 9, "tilt": 3}]}}
+    document |= {"thrust": "gas", "craft": [1, {}]}
     (tmp_path / "s.json").write_text(json.dumps(document))
     done = prolearn("scenario", "check", "s.json")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "nodes is 1" in done.stderr
     assert "goal.rings[0].tilt is not a field" in done.stderr
+    assert "thrust is 'gas': input should be 'components' or 'norm'; thrust is" in done.stderr
+    assert "craft[0] is 1: input should be an object, {" in done.stderr
 
 
 def test_a_file_that_is_there_is_replaced_only_with_force(prolearn, tmp_path):
