@@ -14,8 +14,9 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from cli.output import echo
+from cli.output import echo, print_whatever_the_locale
 from pipeline.errors import InputError, ProlearnError, missing
+from pipeline.files import unfinished
 from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -41,6 +42,7 @@ class CommandGroup(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Remember what was typed: it may hold URLs, whose secrets no message shows."""
+        print_whatever_the_locale()
         ctx.meta[TYPED] = [re.sub("^--[a-z-]+=", "", word) for word in args]
         return super().parse_args(ctx, args)
 
@@ -59,7 +61,7 @@ class CommandGroup(TyperGroup):
         except (ProlearnError, OSError) as error:
             if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
                 raise
-            _stop(ctx, str(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
+            _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
         except KeyboardInterrupt as stop:
             word, status = (
                 ("terminated", TERMINATED)
@@ -102,6 +104,16 @@ def _sigterm_raises() -> Iterator[None]:
     finally:
         sys.unraisablehook = usual
         signal.signal(signal.SIGTERM, before)
+
+
+def _in_words(error: Exception) -> str:
+    """What an error says: of a file that could not be made, not of our temporary one."""
+    if isinstance(error, OSError) and isinstance(error.filename, str):
+        wanted = unfinished(Path(error.filename))
+        if wanted is not None:
+            why = error.strerror
+            return f"{wanted} cannot be written ({why}); expected another folder or name."
+    return str(error)
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:

@@ -95,13 +95,13 @@ def show(
     from pipeline.plan.document import read_plan
     from pipeline.show import write_page
 
+    with within_memory():
+        claimed = read_plan(plan)
     target = out or (STDIO if plan == STDIO else plan.with_suffix(".html"))
     refuse_overwriting(plan, target)
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
-    with within_memory():
-        claimed = read_plan(plan)
-        with told_where(plan):
-            shown = write_page(target, claimed, plan.name)
+    with within_memory(), told_where(plan):
+        shown = write_page(target, claimed, plan.name)
     said = " ".join([f"{target}: {claimed.scenario.n} craft by {claimed.planner}.", *shown.faults])
     echo(said, err=target == STDIO)

@@ -4,6 +4,8 @@ import json
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
+from io import TextIOWrapper
+from itertools import accumulate
 from typing import Any
 
 import typer
@@ -12,11 +14,17 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.errors import InputError
-from pipeline.files import STDIO
+from pipeline.files import STDIO, write_text
 from pipeline.text import visible
 
 WIDE = 1000  # columns that a table may take where no terminal cuts it
 LEAST = 8  # characters of its first column that a table keeps on the narrowest terminal
+
+
+def print_whatever_the_locale() -> None:
+    """Have characters that stdout's encoding lacks, such as Δ in Latin-1, shown as ?."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def echo(*lines: object, err: bool = False) -> None:
@@ -44,14 +52,23 @@ def print_table(
 ) -> None:
     """Print a table, plain and in full width where it does not go to a terminal.
 
-    On a terminal the first column gives way at its beginning, for the rest to fit. Columns in
-    ``texts`` are aligned left, as the others, numbers, are not; rows in ``marked`` are red.
+    On a terminal the first column gives way at its beginning, for the rest to fit; columns for
+    which there is no room even so follow in a table below. Columns in ``texts`` are aligned left,
+    as the others, numbers, are not; rows in ``marked`` are red.
     """
     rows = [[visible(cell) for cell in row] for row in rows]
     console = Console()
     width = console.width if console.is_terminal else WIDE
     columns = zip(headings, *rows, strict=True)
     wide = [max(len(line) for cell in column for line in cell.split("\n")) for column in columns]
+    taken = accumulate(one + 1 for one in (min(LEAST, wide[0]), *wide[1:]))
+    fit = max(2, sum(one <= width for one in taken))
+    if fit < len(wide):
+        for which in (range(fit), [0, *range(fit, len(wide))]):
+            part = [[row[k] for k in which] for row in (headings, *rows)]
+            left = [k for k, column in enumerate(which) if column in texts]
+            print_table(part[0], part[1:], texts=left, marked=marked)
+        return
     room = max(LEAST, width - sum(wide[1:]) - len(wide))
     table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
     for k, heading in enumerate(headings):
@@ -88,4 +105,5 @@ def print_json(document: Any) -> None:
 
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo("\n".join(visible(line, lambda c: json.dumps(c)[1:-1]) for line in text.split("\n")))
+    lines = (visible(line, lambda c: json.dumps(c)[1:-1]) for line in text.split("\n"))
+    write_text(STDIO, "\n".join(lines) + "\n")

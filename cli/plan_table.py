@@ -178,7 +178,7 @@ def _burn(row: Row) -> list[str]:
     least, bare = burn["least"], burn["fuel_without"]
     return [
         MISSING if least is None else number(1e3 * least),
-        f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING,
+        f"{row['fuel'] / bare - 1:z.2%}" if bare and row["fuel"] else MISSING,
     ]
 
 
@@ -202,7 +202,7 @@ def _remarks(row: Row) -> list[str]:
         )
     if row["model_error"] > row["collision_radius"]:
         said.append(
-            f"about an oblate Earth craft end some {row['model_error']:.2g} m off their goals, "
+            f"outside the linear model craft end some {row['model_error']:.2g} m off their goals, "
             f"more than collision_radius: prolearn fly {row['plan']}"
         )
     return said

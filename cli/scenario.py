@@ -154,11 +154,12 @@ def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
     rings = []
     for text in given:
         fields = [part.partition("=") for part in text.split(",")]
-        if not all(name and value for name, _, value in fields):
-            raise InputError(
-                f"{option} is {text!r}; expected fields of a ring, such as craft=4,size=200."
-            )
         ring: dict[str, float | str] = {name.strip(): value.strip() for name, _, value in fields}
+        if not all(name and value for name, _, value in fields) or len(ring) < len(fields):
+            raise InputError(
+                f"{option} is {text!r}; expected fields of a ring, each once, such as "
+                "craft=4,size=200."
+            )
         for name, value in ring.items():
             with suppress(ValueError):  # text that is no number the file's format refuses
                 ring[name] = float(value)

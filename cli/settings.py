@@ -407,7 +407,9 @@ class RiskSettings:
         from pipeline.plan import RiskLimit
 
         given = {
-            name: value for name, value in vars(self).items() if value not in (None, False, "none")
+            name: value
+            for name, value in vars(self).items()
+            if value is not None and value is not False  # 0 is given, too
         }
         if not given:
             return None
@@ -417,19 +419,20 @@ class RiskSettings:
                 "come too close with it, such as --risk 1e-3 --navigation-sigma 0.2."
             )
         errors = given.keys() - {"asked", "closed_loop"}
-        if not errors:
+        if self.asked is None:
+            what = "a sigma is" if self.errors is None else "--errors is"
             raise InputError(
-                f"--risk is {self.asked:g} and no error is given; expected --navigation-sigma, "
-                "--thrust-sigma, --velocity-sigma or several of them with it, or --errors cold-gas."
+                f"{what} given without --risk; expected the probability that craft may come too "
+                "close with it, such as --risk 1e-3."
             )
         if self.errors is not None and len(errors) > 1:
             raise InputError(
                 f"--errors is {self.errors} and a sigma is given besides; expected one of the two."
             )
-        if self.asked is None:
+        if all(given[name] in (0, "none") for name in errors):
             raise InputError(
-                "a sigma is given without --risk; expected the probability that craft may come too "
-                "close with it, such as --risk 1e-3."
+                f"--risk is {self.asked:g} and no error is given; expected --navigation-sigma, "
+                "--thrust-sigma, --velocity-sigma or several of them with it, or --errors cold-gas."
             )
         if self.errors is not None:
             from pipeline.flight.errors import PRESETS

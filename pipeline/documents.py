@@ -119,11 +119,13 @@ def first_fault(error: ValidationError) -> str:
 
 
 def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
-    # What stands in parentheses names one of a field's forms, which is no place in the file.
-    places = [k for k in fault["loc"] if not str(k).startswith("(")]
+    # What stands in parentheses, or is a type, names a field's form, which is no place in the file.
+    places = [k for k in fault["loc"] if not str(k).startswith(("(", "literal[", "tuple["))]
     where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in places).lstrip(".")
     what = fault["msg"].removeprefix("Value error, ")
     what = what[0].lower() + what[1:]
+    if fault["type"] == "model_type":
+        what = 'input should be an object, {"field": value, ...}'
     if not where:
         return what
     if fault["type"] in ("missing", "missing_argument"):

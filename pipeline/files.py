@@ -6,7 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from io import StringIO
+from io import StringIO, TextIOWrapper
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -71,9 +71,12 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that appears whole, or to standard output."""
+    """Write a text file that appears whole, or to standard output; both are in UTF-8."""
     if path == STDIO:
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(encoding="utf-8")  # whatever the locale has for people
         sys.stdout.write(text)
+        sys.stdout.flush()
         return
     with published(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -33,6 +33,7 @@ def write_basilisk(plan: Plan, path: Path, masses: Masses | None = None) -> None
     origin, frame = reference_frames(scenario, np.zeros(n))
     turn = problem.dynamics.fastest * problem.time_step
     table = np.column_stack([burns.craft, burns.interval]).tolist()
+    names = [ascii(visible(one.name) or f"craft-{k}") for k, one in enumerate(scenario.craft)]
     drag = None
     if orbit is not None and orbit.ballistic is not None:
         air = orbit.air
@@ -53,6 +54,7 @@ def write_basilisk(plan: Plan, path: Path, masses: Masses | None = None) -> None
         chief=origin[0].tolist(),
         initial=(origin + frame.to_inertial(scenario.initial)).tolist(),
         goals=scenario.goal[:, :3].tolist(),
+        names=f"[{', '.join(names)}]" * any(one.name for one in scenario.craft),
         masses=(np.ones(n) if masses is None else masses.mass).tolist(),
         burns=[(*at, *u) for at, u in zip(table, burns.acceleration.tolist(), strict=True)],
         drag=drag,

@@ -146,10 +146,10 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
         )
     if plan.scenario.limits is not None:
         raise InputError(
-            "the scenario says more of thrust than max_acceleration, which guidance that plans "
-            "anew does not know; expected no replanning, or a scenario without thrust, "
-            "max_acceleration_norm, min_delta_v, no_burn, objective, limits of its craft and "
-            "waypoints."
+            "the scenario says more of thrust than max_acceleration, or has waypoints, which "
+            "guidance that plans anew does not know; expected no replanning, or a scenario without "
+            "thrust, max_acceleration_norm, min_delta_v, no_burn, objective, limits of its craft "
+            "and waypoints."
         )
     if (risk := plan.certificate.risk) is None or with_feedback:
         return

@@ -83,7 +83,7 @@ class Cone:
 
     def __str__(self) -> str:
         """In words."""
-        return f"the cone from {self.apex} m along {self.axis}, {self.half_angle_deg:g}° wide"
+        return f"the cone from {self.apex} m along {self.axis}, half-angle {self.half_angle_deg:g}°"
 
     @property
     def edges(self) -> Float[Array, "SIDES 3"]:

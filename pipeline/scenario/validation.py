@@ -206,7 +206,7 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
     e = problem.mean_motion
     mismatch = energy_mismatch(states, e)
     off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
-    drift, wanted = -6 * np.pi / e * mismatch, -2 * e * states[:, 0]
+    drift, wanted = -6 * np.pi / e * mismatch, 0.0 - 2 * e * states[:, 0]
     columns = {"mismatch": mismatch, "drift_per_orbit": drift, "vy_wanted": wanted}
     cases = tuple(
         Case(
@@ -310,7 +310,9 @@ def _reachable(scenario: Scenario) -> Diagnostic:
     if cases:
         given = f"max_acceleration, {limit:g} m/s²," if np.isfinite(limit) else "any thrust"
         text = f"craft that {given} is too little for: {len(cases)}"
-        cure = "raise max_acceleration, or give more time by time_step or nodes"
+        cure = "give more time by time_step or nodes"
+        if np.isfinite(least[short]).any():
+            cure = f"raise max_acceleration, or {cure}"
         return Diagnostic(REACHABLE, "transfer", text, cases, cure)
     text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
     return Diagnostic(REACHABLE, "transfer", text)

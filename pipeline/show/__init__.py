@@ -12,7 +12,7 @@ from pipeline.markup import template
 from pipeline.orbit.corridors import DRAWN
 from pipeline.plan import Plan, Rechecked, recheck
 from pipeline.show.data import page_data, steps_of
-from pipeline.show.tables import certificate_rows, planner_rows, scenario_rows, verdict
+from pipeline.show.tables import certificate_rows, motion, planner_rows, scenario_rows, verdict
 
 __all__ = ["page", "write_page"]
 
@@ -43,6 +43,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         corridors=bool(scenario.corridors),
         cone=DRAWN,
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
+        motion=motion(shown.plan),
         hashes=[_hash(script.encode()), _hash(plotly)],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
         script=script,

@@ -101,6 +101,14 @@ def _motion(plan: Plan) -> str:
     return "linear motion about a circle" if circle else "linear motion about the reference orbit"
 
 
+def motion(plan: Plan) -> str:
+    """What is drawn, in words; of a plan as flown, linear motion between nodes of the flight."""
+    if plan.scenario.problem.orbit is None:
+        return "the exact solution of the Clohessy-Wiltshire equations"
+    start = ", from where the flight has craft at each node," * plan.as_flown
+    return f"the solution of the linear equations about the reference orbit{start}"
+
+
 def _fuel(scenario: Scenario) -> str:
     kinds = {COMPONENTS: "Fuel Σ‖u‖₁ (Eq. 4)", NORM: "Fuel Σ‖u‖₂"}
     model = scenario.problem.thrust.model

@@ -103,12 +103,19 @@ CASES = {
             ["show", "plan.json", "--out", "foreign/file/p.html"],
         )
     },
+    "a folder for a plan": (["show", "."], ". cannot be read"),
     "no scenario to trade off": (["tradeoff", "none.json", "--duration", "1..2h"], "none.json"),
     "an unknown assignment": (
         ["plan", "good.json", "--out", "p.json", "--assignment", "best"],
         "best",
     ),
     "a risk that is none": ([*RISKY, "--risk", "2"], "risk is 2"),
+    "a risk of 0": ([*RISKY, "--risk", "0"], "risk is 0; expected a probability"),
+    "no errors and a sigma": ([*RISKY, "--risk", "0.1", "--errors", "none"], "one of the two"),
+    "errors of a preset without a risk": (
+        ["plan", "good.json", "--out", "p.json", "--errors", "none"],
+        "--errors is given without --risk",
+    ),
     "a risk of nothing": (["plan", "good.json", "--out", "p.json", "--risk", "0.1"], "no error is"),
     "errors without a risk": (RISKY, "without --risk"),
     "errors that are none": (
@@ -236,3 +243,11 @@ def test_drift_is_accepted_where_it_is_allowed(prolearn, tmp_path):
     done = prolearn("plan", "drift.json", "--out", "p.json", "--allow-drift")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "p.json").exists()
+
+
+def test_a_file_that_cannot_be_made_is_said_by_its_own_name(prolearn, tmp_path):
+    name = 240 * "x" + ".json"  # with what our temporary file's has besides, too long
+    done = prolearn("scenario", "new", name, "--n", "2")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert done.stderr.startswith(f"prolearn: {name} cannot be written (File name too long); exp")
+    assert list(tmp_path.iterdir()) == []

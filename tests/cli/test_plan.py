@@ -374,14 +374,29 @@ def on_a_terminal(forked, arguments, folder):
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
+def test_on_a_terminal_of_80_columns_those_without_room_follow_in_a_table_below(
+    forked, prolearn, tmp_path
+):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
+    risk = ("--risk", "0.01", "--errors", "cold-gas", "--closed-loop", "--passive-safety", "0.5")
+    asked = ("plan", "s.json", "--out", "p.json", *risk, "--assignment", "optimal")
+    (whole,) = [line.split() for line in prolearn(*asked).stdout.splitlines() if line[:2] == "s "]
+    lines = on_a_terminal(forked, asked, tmp_path).splitlines()
+    first, second = [line for line in lines if line[:2] == "s "]
+    assert max(len(first.rstrip()), len(second.rstrip())) <= 80
+    shown = [*first.split(), *second.split()[1:]]
+    time = 8  # that it took, which differs
+    assert [*shown[:time], *shown[time + 1 :]] == [*whole[:time], *whole[time + 1 :]]
+
+
 def test_a_plan_for_which_the_linear_model_is_far_off_says_by_how_much(prolearn, tmp_path):
     ring = "craft=2,size={}"
     for name, size in (("near", 200), ("far", 30_000)):
         rings = ("--from", ring.format(size), "--to", ring.format(size / 2))
         prolearn("scenario", "new", f"{name}.json", *rings)
     done = prolearn("plan", "near.json", "far.json", "--out", "plans")
-    (said,) = [line for line in done.stdout.splitlines() if "oblate" in line]
-    assert said.startswith("far.json: about an oblate Earth craft end some ")
+    (said,) = [line for line in done.stdout.splitlines() if "off their goals" in line]
+    assert said.startswith("far.json: outside the linear model craft end some ")
     missed = float(re.search(r"some (\S+) m off", said)[1])
     flown = prolearn("fly", "plans/far.plan.json", "--eccentricity", "0", "--json")
     assert missed / 4 < json.loads(flown.stdout)["goal_error"] < 4 * missed

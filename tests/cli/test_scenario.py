@@ -118,11 +118,14 @@ def test_a_file_that_cannot_be_read_has_status_2_and_all_its_faults_in_one_line(
     prolearn("scenario", "new", "s.json", "--n", "2")
     document = json.loads((tmp_path / "s.json").read_text())
     document |= {"nodes": 1, "goal": {"rings": [{"craft": 2, "size": 9, "tilt": 3}]}}
+    document |= {"thrust": "gas", "craft": [1, {}]}
     (tmp_path / "s.json").write_text(json.dumps(document))
     done = prolearn("scenario", "check", "s.json")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "nodes is 1" in done.stderr
     assert "goal.rings[0].tilt is not a field" in done.stderr
+    assert "thrust is 'gas': input should be 'components' or 'norm'; thrust is" in done.stderr
+    assert "craft[0] is 1: input should be an object, {" in done.stderr
 
 
 def test_a_file_that_is_there_is_replaced_only_with_force(prolearn, tmp_path):
@@ -141,6 +144,7 @@ def test_options_that_do_not_go_together_are_refused_in_a_sentence(prolearn, tmp
         (("--from", ring), "--from or --to alone"),
         (("--from", ring, "--to", ring, "--seed", "0"), "--seed is given"),
         (("--from", ring, "--to", "100"), "--to is '100'"),
+        (("--from", ring, "--to", "craft=2,size=9,craft=3"), "fields of a ring, each once"),
         (("--from", ring, "--to", "craft=2,size=9,tilt_deg=x"), "goal.rings[0].tilt_deg is 'x'"),
         (("--n", "0"), "n is 0"),
         (("--altitude", "-1"), "altitude"),

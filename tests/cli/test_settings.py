@@ -14,12 +14,14 @@ from cli.settings import (
     FlightConditions,
     Flights,
     FlownTrials,
+    RiskSettings,
     Tradeoff,
     TrainingSettings,
     TransferTimes,
     TuningSettings,
     WarmStarts,
 )
+from pipeline.orbit.problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,3 +70,10 @@ def test_every_field_of_a_job_s_settings_is_an_option_with_the_same_default(name
     for field in (field for one in settings for field in fields(one)):
         option = options[field.name]
         assert option.required or option.default == field.default
+
+
+def test_an_error_of_0_is_one_that_is_given():
+    """Velocities that are known exactly, not what goes with positions by default."""
+    limit = RiskSettings(asked=0.1, navigation_sigma=0.2, velocity_sigma=0.0).limit()
+    assert limit is not None
+    assert limit.uncertainty(Problem()).velocity == 0

@@ -1,6 +1,7 @@
 """- is standard input and output; who stops a plan is told what there is of it."""
 
 import json
+import os
 import signal
 import subprocess
 import time
@@ -43,6 +44,25 @@ def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn,
     done = prolearn(*arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert words in done.stderr
+
+
+def test_where_stdout_is_not_in_utf_8_people_read_on_and_documents_are_as_in_files(
+    forked, prolearn, tmp_path
+):
+    def latin(*arguments):
+        environment = os.environ | {"PYTHONIOENCODING": "latin-1", "COLUMNS": "80"}
+        command = [*forked.command, *arguments]
+        done = subprocess.run(command, capture_output=True, cwd=tmp_path, env=environment)
+        assert b"Traceback" not in done.stderr, done.stderr
+        assert done.returncode == 0
+        return done.stdout
+
+    prolearn("scenario", "new", "s.json", "--n", "2")
+    assert "fuel ?v all" in latin("plan", "s.json", "--out", "Δ.json").decode("latin-1")
+    (row,) = json.loads(latin("plan", "s.json", "--out", "Δ.json", "--json"))  # bytes: UTF-8
+    assert row["plan"] == "Δ.json"
+    prolearn("show", "Δ.json", "--out", "page.html")
+    assert latin("show", "Δ.json", "--out", "-") == (tmp_path / "page.html").read_bytes()
 
 
 @pytest.mark.system

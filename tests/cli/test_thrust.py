@@ -2,13 +2,14 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 from judge import judge_plan
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.scenario import draw
+from pipeline.scenario import Scenario, draw
 from pipeline.scenario.document import read_scenario, write_scenario
 from pipeline.scenario.spacecraft import Spacecraft
 
@@ -124,7 +125,15 @@ def test_flights_of_such_plans_are_reported_and_replanning_them_is_refused(prole
     assert loop["delta_v_median"] == pytest.approx(row["delta_v"], rel=0.05)
     assert loop["delta_v_median"] < sum(row["craft_delta_v"])
     refused = told(prolearn, *trials, "--replan", "every-node", status=2)
-    assert "guidance that plans anew does not know" in in_one_line(refused)
+    assert "or has waypoints, which guidance that plans anew does" in in_one_line(refused)
+
+
+def test_where_nothing_is_burnt_the_impulse_bit_costs_nothing(prolearn, tmp_path):
+    """A craft that rests where it is; rounding leaves a plan without the bit some 1e-42 m/s²."""
+    rest = np.zeros((1, 6))
+    scenario = Scenario(Problem(thrust=Thrust(min_delta_v=0.1)), rest, rest)
+    write_scenario(tmp_path / "s.json", scenario)
+    assert "100.00%" not in told(prolearn, "plan", "s.json", "--out", "p.json")
 
 
 def test_a_tradeoff_keeps_windows_and_budgets_at_every_duration(prolearn, tmp_path):

@@ -174,6 +174,8 @@ def run(asked: dict[str, Any], streams: list[int]) -> int:
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
         os.close(stream)
+    encoding = os.environ.get("PYTHONIOENCODING")
+    sys.stdout = open(1, "w", encoding=encoding, closefd=False)  # noqa: SIM115 - as a new process
     sys.argv[:] = ["prolearn", *asked["arguments"]]
     try:
         if asked["code"]:

@@ -23,6 +23,7 @@ from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 from pipeline.scenario.document import read_scenario
+from pipeline.scenario.spacecraft import Spacecraft
 
 WHERE = Reference(datetime(2026, 3, 1, 23, 55, tzinfo=UTC), 97.4, 40.0, 350.0)
 SIMBOL_X = Path(__file__).parents[3] / "examples/simbol-x.json"
@@ -101,7 +102,8 @@ def test_inertial_states_are_those_of_ephemerides_where_motion_is_as_flown(simul
 
 def test_what_a_name_from_a_file_has_in_it_is_no_code(tmp_path):
     planner = '\'"""\nraise SystemExit(7)\n#{{ 7 * 7 }}'
-    plan = replace(solve(rings(n=2)), planner=planner)
+    scenario = replace(rings(n=2), craft=(Spacecraft(name=planner), Spacecraft(mass=3.0)))
+    plan = replace(solve(scenario), planner=planner)
     write_basilisk(plan, tmp_path / '\'+exit(7)+\'""".py')
     (script,) = tmp_path.iterdir()
     body = ast.parse(script.read_text(encoding="utf-8")).body
@@ -111,6 +113,12 @@ def test_what_a_name_from_a_file_has_in_it_is_no_code(tmp_path):
     assert epoch == "2026-03-01T23:55:00.000000"
     assert ast.literal_eval(assigned["NODES"].value) == '\'+exit(7)+\'""".nodes.csv'
     assert not any(isinstance(one, ast.Raise) for one in body)
+    (names,) = (
+        ast.literal_eval(one.value)
+        for one in ast.walk(ast.Module(body, []))
+        if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == "names"
+    )
+    assert names == [planner.replace("\n", "\\n"), "craft-1"]
 
 
 def test_a_plan_that_is_nowhere_or_damaged_is_no_script(tmp_path):

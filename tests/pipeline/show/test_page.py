@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 
 from pipeline.expert import solve
+from pipeline.flight.conditions import Conditions, in_world
 from pipeline.orbit.problem import Problem
+from pipeline.planners.as_flown import AsFlown
+from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 from pipeline.show import HERE, page
 
@@ -96,6 +99,15 @@ def test_plotlys_bundle_is_the_recorded_one_with_its_licence():
 
 def page_of_one():
     return page(solve(draw("rings", 0, 1, 0, Problem())), "plan.json")[0]
+
+
+def test_a_page_says_by_which_equations_craft_move_on_it():
+    circle = draw("rings", 0, 1, 0, Problem())
+    about = in_world(circle, Conditions())
+    flown = AsFlown(Expert()).plan([about])[0]
+    said = [page(plan, "p")[0] for plan in (solve(circle), solve(about), flown)]
+    assert ["Clohessy-Wiltshire" in text for text in said] == [True, False, False]
+    assert ["where the flight has craft" in text for text in said] == [False, False, True]
 
 
 def test_of_what_is_not_ours_only_the_recorded_files_are_there():
