@@ -73,9 +73,11 @@ def read_bytes(path: Path, most: int) -> bytes:
 def write_text(path: Path, text: str) -> None:
     """Write a text file that appears whole, or to standard output; both are in UTF-8."""
     if path == STDIO:
-        if isinstance(sys.stdout, TextIOWrapper):
-            sys.stdout.reconfigure(encoding="utf-8")  # whatever the locale has for people
-        sys.stdout.write(text)
+        sys.stdout.flush()
+        if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, which is for people
+            sys.stdout.buffer.write(text.encode())
+        else:
+            sys.stdout.write(text)
         sys.stdout.flush()
         return
     with published(path) as temporary:
