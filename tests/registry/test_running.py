@@ -129,7 +129,8 @@ with recorded_run(connect(), EVALUATION, "search", {{}}, again={run_id!r}):
 def test_a_search_that_was_killed_is_closed_with_its_trial_and_can_be_gone_on_with(
     folder: Path, child: Child, solved: Path
 ) -> None:
-    options = TuningSettings(arch="ff1", data=str(solved), trials=2, n=3, device="cpu", epochs=1)
+    asked = {"arch": "ff1", "data": str(solved), "n": 3, "device": "cpu", "epochs": 1}
+    options = TuningSettings(trials=2, at_once=2, **asked)
     killed = """
 import os, signal
 from cli.jobs.tune import tune
