@@ -5,8 +5,10 @@ Commands import what they need when they run, so that help is instant.
 
 import os
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -44,6 +46,12 @@ COMMANDS: Mapping[str, Sequence[Any]] = {
 
 class Line(CommandGroup):
     """All commands, in the order of the work."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """What the encoding of the locale lacks is shown as an escape."""
+        if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.encoding.lower() != "utf-8":
+            sys.stdout.reconfigure(errors="backslashreplace")
+        return super().main(*args, **kwargs)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """As in COMMANDS; Typer would put those that have subcommands last."""

@@ -87,5 +87,6 @@ def print_json(document: Any) -> None:
     from pydantic_core import to_jsonable_python
 
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
-    text = json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
+    escaped = (sys.stdout.encoding or "").lower() != "utf-8"  # programs expect nothing else
+    text = json.dumps(plain, indent=2, ensure_ascii=escaped, allow_nan=False)
     typer.echo("\n".join(visible(line, lambda c: json.dumps(c)[1:-1]) for line in text.split("\n")))

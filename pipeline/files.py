@@ -73,7 +73,8 @@ def read_bytes(path: Path, most: int) -> bytes:
 def write_text(path: Path, text: str) -> None:
     """Write a text file that appears whole, or to standard output."""
     if path == STDIO:
-        sys.stdout.write(text)
+        sys.stdout.flush()
+        sys.stdout.buffer.write(text.encode())  # as in a file, whatever the locale
         return
     with published(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

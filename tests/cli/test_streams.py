@@ -1,8 +1,10 @@
 """- is standard input and output; who stops a plan is told what there is of it."""
 
 import json
+import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -26,6 +28,23 @@ def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
     assert len(table.splitlines()) == 1 + 3 * 11
     assert through("convert", "-", "--to", "burns", given=plan).startswith("craft,node,time_s,utc,")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_characters_that_the_locale_lacks_are_escapes_for_people_and_whole_in_documents(
+    prolearn, tmp_path
+):
+    def said(*arguments):
+        command = [sys.executable, "-c", "from cli.main import app; app()", *arguments]
+        locale = os.environ | {"PYTHONIOENCODING": "iso-8859-1"}
+        done = subprocess.run(command, capture_output=True, cwd=tmp_path, env=locale)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    prolearn("scenario", "new", "\u20ac.json", "--n", "2")
+    assert b"\\u0394v" in said("plan", "\u20ac.json", "--out", "plan.json")
+    (found,) = json.loads(said("plan", "\u20ac.json", "--out", "plan.json", "--json"))
+    assert found["scenario"] == "\u20ac.json"
+    assert "\u0394v" in said("show", "plan.json", "--out", "-").decode()
 
 
 @pytest.mark.parametrize(
