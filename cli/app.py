@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError, missing
+from pipeline.files import unfinished
 from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -59,7 +60,7 @@ class CommandGroup(TyperGroup):
         except (ProlearnError, OSError) as error:
             if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
                 raise
-            _stop(ctx, str(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
+            _stop(ctx, _said(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
         except KeyboardInterrupt as stop:
             word, status = (
                 ("terminated", TERMINATED)
@@ -102,6 +103,17 @@ def _sigterm_raises() -> Iterator[None]:
     finally:
         sys.unraisablehook = usual
         signal.signal(signal.SIGTERM, before)
+
+
+def _said(error: Exception) -> str:
+    """An error as a sentence; that of a file names what the person knows, not what is half done."""
+    if not (isinstance(error, OSError) and isinstance(error.filename, str) and error.strerror):
+        return str(error)
+    path = Path(error.filename)
+    return (
+        f"{unfinished(path) or path} cannot be read or written ({error.strerror}); expected one "
+        "that can: name another, or look at its rights and the room on its disk."
+    )
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:

@@ -267,7 +267,8 @@ def promote(
     except InputError as error:
         raise InputError(
             f"{version.label} and the champion, version {champion.version}, cannot be compared "
-            f"({str(error).rstrip('.')}); expected a dataset that both fit: give --data, or --force."
+            f"({str(error).rstrip('.')}); expected a dataset that both fit: give --data, or "
+            "--force."
         ) from error
     if not better:
         raise InputError(

@@ -139,6 +139,7 @@ CASES = {
         ["plan", "good.json", "--out", "p.json", "--risk", "0.1", "--navigation-sigma", "1e9"],
         "expected a number from 0 to 1000",
     ),
+    "a dataset that is a file": (["sample", "--out", "good.json"], "good.json is a file; expected"),
     "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
 }
 
@@ -158,6 +159,15 @@ def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
     assert words in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.stderr
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_place_that_cannot_be_written_is_named_as_it_was_given(prolearn, tmp_path):
+    write_scenario(tmp_path / "good.json", draw("rings", 0, 2, 0, Problem()))
+    long = "p" * 240 + ".json"  # with what temporary names add, too long
+    done = prolearn("plan", "good.json", "--out", long)
+    assert done.returncode == 1
+    said = f"prolearn: {long} cannot be read or written (File name too long); expected one that can"
+    assert done.stderr.startswith(said)
 
 
 def scenario_file(path, **fields):
