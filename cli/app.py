@@ -107,13 +107,14 @@ def _sigterm_raises() -> Iterator[None]:
 
 
 def _in_words(error: Exception) -> str:
-    """What an error says: of a file that could not be made, not of our temporary one."""
-    if isinstance(error, OSError) and isinstance(error.filename, str):
-        wanted = unfinished(Path(error.filename))
-        if wanted is not None:
-            why = error.strerror
-            return f"{wanted} cannot be written ({why}); expected another folder or name."
-    return str(error)
+    """What an error says; a file is named as the person knows it, and not our temporary one."""
+    if not (isinstance(error, OSError) and isinstance(error.filename, str) and error.strerror):
+        return str(error)
+    path = Path(error.filename)
+    return (
+        f"{unfinished(path) or path} cannot be read or written ({error.strerror}); expected one "
+        "that can: name another, or look at its rights and the room on its disk."
+    )
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:

@@ -22,9 +22,9 @@ LEAST = 8  # characters of its first column that a table keeps on the narrowest 
 
 
 def print_whatever_the_locale() -> None:
-    """Have characters that stdout's encoding lacks, such as Δ in Latin-1, shown as ?."""
+    """Have characters that stdout's encoding lacks, such as Δ in Latin-1, shown as escapes."""
     if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def echo(*lines: object, err: bool = False) -> None:

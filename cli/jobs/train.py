@@ -153,7 +153,7 @@ def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Conte
             better, reason = _compared(version, trials, champion, data)
             champion = models.set_champion(version) if better else champion
         except InputError as error:
-            reason = f"version {champion.version} cannot be compared: {error}"
+            reason = f"version {champion.version} cannot be compared: {str(error).rstrip('.')}"
     models.note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
     return Contest(champion, reason)
 
@@ -177,7 +177,8 @@ def promote(
     except InputError as error:
         raise InputError(
             f"{version.label} and the champion, version {champion.version}, cannot be compared "
-            f"({error}); expected a dataset that both fit: give --data, or --force."
+            f"({str(error).rstrip('.')}); expected a dataset that both fit: give --data, or "
+            "--force."
         ) from error
     if not better:
         raise InputError(

@@ -20,7 +20,7 @@ from filelock import FileLock, Timeout
 from pipeline import storage
 from pipeline.documents import parsed, with_checksum, without_checksum
 from pipeline.errors import InputError, ProlearnError, told_where
-from pipeline.files import unfinished
+from pipeline.files import make_folder, unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import Folder, Stamp
@@ -328,7 +328,7 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
 
 def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        make_folder(path)
         return FileLock(path / storage.LOCK, timeout=0).acquire()
     except Timeout as error:
         holder = "another process"

@@ -146,6 +146,7 @@ CASES = {
         ["plan", "good.json", "--out", "p.json", "--risk", "0.1", "--navigation-sigma", "1e9"],
         "expected a number from 0 to 1000",
     ),
+    "a dataset that is a file": (["sample", "--out", "good.json"], "good.json is a file; expected"),
     "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
 }
 
@@ -249,5 +250,7 @@ def test_a_file_that_cannot_be_made_is_said_by_its_own_name(prolearn, tmp_path):
     name = 240 * "x" + ".json"  # with what our temporary file's has besides, too long
     done = prolearn("scenario", "new", name, "--n", "2")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert done.stderr.startswith(f"prolearn: {name} cannot be written (File name too long); exp")
+    assert done.stderr.startswith(
+        f"prolearn: {name} cannot be read or written (File name too long)"
+    )
     assert list(tmp_path.iterdir()) == []
