@@ -92,6 +92,8 @@ class PlanDocument(BaseModel):
             raise ValueError(f"scenario is missing, which {SCHEMA} has: plan again")
         if asked is not None and (n, T) != (asked.n, asked.nodes):
             raise ValueError(f"the plan has {n} craft and {T} nodes, its scenario has others")
+        if asked is not None and not np.allclose(self.times, asked.time_step * np.arange(T)):
+            raise ValueError("times are not those of the nodes of its scenario, k·time_step")
         rows = [{len(craft) for craft in part} for part in (self.states, self.controls)]
         if len(self.controls) != n or rows != [{T}, {T - 1}]:
             raise ValueError(f"give each of {n} craft {T} states and {T - 1} controls")

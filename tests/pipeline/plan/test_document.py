@@ -134,6 +134,7 @@ def test_certificates_that_do_not_say_by_which_velocity_the_goal_is_missed_are_r
         ({"times": [0.0, 100.0]}, "4 craft and 2 nodes, its scenario has others"),
         ({"assignment": {"slots": [0, 1, 2, 2], **KNOWN}}, "assignment.slots is no order of the 4"),
         ({"assignment": {"slots": [0, 1, 2], **KNOWN}}, "assignment.slots is no order of the 4"),
+        ({"times": [0.0, 1.0, *range(200, 900, 100)]}, "times are not those of the nodes"),
         ({"controls": []}, "give each of 4 craft 9 states and 8 controls"),
         ({"states": [[[0.0] * 5] * 9] * 4}, r"states\[0\]\[0\]"),
         ({"certificate": {"fuel": "little"}}, r"certificate\.fuel is 'little'"),
