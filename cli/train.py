@@ -155,7 +155,7 @@ def tune(
     print_result(
         as_json,
         found,
-        f"{found.trials} trials are complete in {found.storage}; best {found.in_words} on "
+        f"Complete trials: {found.trials}, in {found.storage}; best {found.in_words} on "
         f"validation data; MLflow run {found.run_id}.",
         f"Train with its settings: prolearn train --arch {settings.arch} --recipe "
         f"{settings.recipe} --data {public_url(settings.data)} --n {settings.n} {options}",

@@ -41,7 +41,7 @@ def read_dataset(
     if len(rows) == 0:
         raise InputError(
             f"{public_url(where)} has no rows of n={n} in its {split} split; expected some: sample "
-            "more scenarios."
+            "more scenarios, into another folder."
         )
     return rows if columns is None else rows.select(list(columns))
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import mlflow
 from filelock import FileLock, Timeout
@@ -139,7 +140,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
         path, (_, mark, query) = database_path(uri), uri.partition("?")
         locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
         with guarded(path, create=create):
-            return _open(f"sqlite:///{path}{mark}{query}", locations)
+            return _open(f"sqlite:///{path}{mark}{query}", locations, path if create else None)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
@@ -150,7 +151,8 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
     return _open(uri, dict.fromkeys(names))
 
 
-def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
+def _open(uri: str, locations: Mapping[str, str | None], written: Path | None = None) -> Store:
+    """The store of an address; ``written`` is the SQLite file where runs will be added to it."""
     given = os.environ.get("MLFLOW_TRACKING_URI")
     mlflow.set_tracking_uri(uri)
     # MLflow writes the address into the environment, where it would outlive a change of folder.
@@ -161,6 +163,9 @@ def _open(uri: str, locations: Mapping[str, str | None]) -> Store:
     client = mlflow.MlflowClient(tracking_uri=uri)
     ours = {"view_type": ViewType.ALL, "filter_string": "name LIKE 'prolearn-%'"}
     there = {one.name: one for one in pages(client.search_experiments, **ours)}
+    if written is not None:
+        for name in there.keys() & locations.keys():
+            _refuse_copy(written, there[name].artifact_location)
     ids = {
         name: _experiment(client, name, where, there.get(name)) for name, where in locations.items()
     }
@@ -182,6 +187,17 @@ def _experiment(client: Any, name: str, location: str | None, found: Any) -> str
             f"back with `mlflow experiments restore -x {found.experiment_id}`."
         )
     return str(found.experiment_id)
+
+
+def _refuse_copy(database: Path, location: str) -> None:
+    """InputError where runs of a moved or copied project would put files into the old one."""
+    old = Path(unquote(urlsplit(location).path)).parents[1]
+    beside = not location.startswith("file:") or old.resolve() == database.parent.resolve()
+    if not beside and (not old.exists() or (old / database.name).exists()):
+        raise InputError(
+            f"{database} keeps the files of its runs in {old}; expected them beside it, where it "
+            "was not moved or copied: run the lines of docs/mlflow.md, After moving a project."
+        )
 
 
 def _check_reachable(uri: str) -> None:

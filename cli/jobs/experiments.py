@@ -111,7 +111,8 @@ def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: st
         found = solved_scenarios(data, n, "test")
         if not found:
             raise InputError(
-                f"{public_url(data)} has no test scenarios of n={n}; expected some: sample more."
+                f"{public_url(data)} has no test scenarios of n={n}; expected some: sample more, "
+                "into another folder."
             )
         scenarios[n] = found[:trials]
     chosen = networks(name_list(settings.models), data, arch)

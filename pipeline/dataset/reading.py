@@ -106,7 +106,7 @@ def examples(where: Where | Folder, n: int, split: str) -> Examples:
     if len(found) == 0:
         raise InputError(
             f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
-            "some: sample more scenarios."
+            "some: sample more scenarios, into another folder."
         )
     return found
 

@@ -9,6 +9,7 @@ from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, Settings, nominal_plans, within_risk
 from pipeline.expert.batch import Batch
 from pipeline.networks.document import TrainedNetwork
+from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
@@ -129,9 +130,11 @@ def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model's with an InputError.
 
     The collision radius and the limit on the control may differ: no network knows the limit, one
-    that reads the radius is told the scenario's, and the certificate judges by these. The message
-    says ``where`` the problem is from, such as a dataset's folder.
+    that reads the radius is told the scenario's, and the certificate judges by these. A refiner
+    plans any. The message says ``where`` the problem is from, such as a dataset's folder.
     """
+    if model.architecture == REFINER:
+        return
     field = _other_field(model, problem)
     if field is not None:
         there, known = (_written(getattr(one, field)) for one in (problem, model.problem))

@@ -46,6 +46,12 @@ def open_study(path: Path, name: str) -> Iterator["Study"]:
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     try:
         make_folder(path.parent)
+    except OSError as error:
+        raise InputError(
+            f"--storage is {path}, whose folder cannot be made ({error.strerror}); expected a file "
+            "in a folder that can be written to."
+        ) from error
+    try:
         # Several processes must not make its tables at once. The heartbeat is experimental.
         with FileLock(f"{path}.lock"), warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)

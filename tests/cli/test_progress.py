@@ -101,7 +101,7 @@ def test_a_search_that_goes_on_counts_what_was_left_to_do(run, data):
     assert steps(run(*search, 1), "tuning ff1") == [(1, 1)]
     assert steps(run(*search, 3), "tuning ff1") == [(1, 2), (2, 2)]
     done = run(*search, 3)
-    assert done.stderr == "" and "3 trials are complete" in done.stdout
+    assert done.stderr == "" and "Complete trials: 3, in" in done.stdout
 
 
 def test_verifying_counts_the_rows_that_are_there(run, data):

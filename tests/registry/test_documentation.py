@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import load
+from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
 PAGE = (Path(__file__).parents[2] / "docs" / "mlflow.md").read_text(encoding="utf-8")
@@ -37,6 +39,9 @@ def test_the_documented_cure_for_a_moved_project_works(
     record_training(trained, recipe=recipe, seed=0, dataset=dataset)
     moved = folder.rename(tmp_path / "moved here")
     monkeypatch.chdir(moved)
+    with pytest.raises(InputError, match="After moving a project"):
+        connect()  # as commands do before they write a run
+    assert not folder.exists(), "no file goes where the project was"
     code = PAGE.partition("## After moving a project")[2]
     code = code.partition("```python")[2].partition("```")[0]
     subprocess.run([sys.executable, "-c", code.replace("/the/old/folder", str(folder))], check=True)

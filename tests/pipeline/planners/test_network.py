@@ -10,8 +10,10 @@ from pipeline.expert import decoupled_optima
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
+from pipeline.networks.refiner.model import packaged
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan import SOLVED, UNSAFE, Requirements
 from pipeline.planners.network import NetworkPlanner, check_problem
@@ -201,3 +203,8 @@ def test_a_network_is_told_the_collision_radius_of_the_scenario(gentle):
 
     assert np.array_equal(controls(10.0), controls(10.0))
     assert np.abs(controls(10.0) - controls(20.0)).max() > 1e-9
+
+
+def test_a_refiner_is_asked_about_any_orbit_and_grid():
+    other = Problem(nodes=7, time_step=60.0).about(ReferenceOrbit(8e6, 0.1))
+    check_problem(packaged(), other, "data")
