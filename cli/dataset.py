@@ -1,6 +1,7 @@
 """Commands that make and check datasets: sample, solve, dataset, card, verify."""
 
 import json
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -68,7 +69,7 @@ def sample(
     with progress("sampling") as shown:
         run(out, {n: one}, asked, workers=drawing, progress=shown)
     where = public_url(out)
-    echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {where}")
+    echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {quote(where)}")
 
 
 def _orbit(text: str) -> "ReferenceOrbit":
@@ -234,12 +235,12 @@ def verify(
     elif not left:
         echo(f"{where} is mended: {many}.")
     elif not mend:
-        echo(f"{many} in {where}; mend it: prolearn verify {where} --repair", err=True)
+        echo(f"{many} in {where}; mend it: prolearn verify {quote(where)} --repair", err=True)
     else:
         echo(
             f"{many} in {where}, of which {len(left)} left: {left[0].path} holds sound rows, "
             "which the manifest does not expect. Compare the manifest with what you meant to "
-            f"make; to set them aside all the same: prolearn verify {where} --repair --yes",
+            f"make; to set them aside all the same: prolearn verify {quote(where)} --repair --yes",
             err=True,
         )
     raise typer.Exit(int(bool(left)))

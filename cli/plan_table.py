@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isfinite
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from cli.output import echo, print_table
@@ -203,6 +204,6 @@ def _remarks(row: Row) -> list[str]:
     if row["model_error"] > row["collision_radius"]:
         said.append(
             f"outside the linear model craft end some {row['model_error']:.2g} m off their goals, "
-            f"more than collision_radius: prolearn fly {row['plan']}"
+            f"more than collision_radius: prolearn fly {quote(row['plan'])}"
         )
     return said

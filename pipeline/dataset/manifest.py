@@ -13,6 +13,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from shlex import quote
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, PositiveInt, ValidationError, WrapValidator
@@ -191,7 +192,7 @@ def read_manifest(where: Where | Folder) -> Manifest:
     if fault:
         raise InputError(
             f"{MANIFEST} in {folder} {fault}, and its copy is sound; mend it with "
-            f"`prolearn verify {folder} --repair`."
+            f"`prolearn verify {quote(str(folder))} --repair`."
         )
     return manifest
 

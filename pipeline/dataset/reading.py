@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from shlex import quote
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -29,7 +30,7 @@ def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard])
         if shard.solved not in manifest.shards:
             raise InputError(
                 f"{folder} is not solved at n={shard.n} ({shard.solved}); run "
-                f"`prolearn solve {folder}` first."
+                f"`prolearn solve {quote(str(folder))}` first."
             )
 
 
@@ -73,8 +74,8 @@ def naming(shard: Shard, folder: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(
-            f"{shard.solved} in {folder} {error}; mend the dataset with `prolearn verify {folder} "
-            "--repair`."
+            f"{shard.solved} in {folder} {error}; mend the dataset with `prolearn verify "
+            f"{quote(folder)} --repair`."
         ) from error
 
 

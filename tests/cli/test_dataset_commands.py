@@ -107,11 +107,21 @@ def test_changed_separation_is_refused_with_both_values(sampled):
     assert "separation = continuous, now it is nodes" in complaint
 
 
-def test_a_folder_that_cannot_be_written_to_is_status_1(tmp_path):
-    (tmp_path / "file").write_text("")
-    status, _, complaint = run("sample", "--n", 2, "--out", tmp_path / "file" / "data")
+def test_a_folder_that_cannot_be_written_to_is_status_1_and_a_file_in_its_place_2(tmp_path):
+    status, _, complaint = run("sample", "--n", 2, "--out", "/proc/nowhere")
     assert status == 1
-    assert "cannot be written to" in complaint
+    assert "/proc/nowhere cannot be written to" in complaint
+    (tmp_path / "a file").write_text("")
+    status, _, complaint = run("sample", "--n", 2, "--out", tmp_path / "a file" / "data")
+    assert status == 2
+    assert "a file is a file; expected a folder" in complaint
+
+
+def test_a_command_that_is_said_can_be_pasted(tmp_path):
+    folder = tmp_path / "my swarms"
+    status, said, _ = run("sample", "--n", 2, "--count", 1, "--out", folder)
+    assert status == 0
+    assert said.endswith(f"prolearn solve '{folder}'\n")
 
 
 @pytest.fixture(scope="module")
