@@ -14,7 +14,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from cli.output import echo, print_whatever_the_locale
+from cli.output import echo, escape_unencodable
 from pipeline.errors import InputError, ProlearnError, missing
 from pipeline.files import unfinished
 from pipeline.text import public, visible
@@ -42,7 +42,7 @@ class CommandGroup(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Remember what was typed: it may hold URLs, whose secrets no message shows."""
-        print_whatever_the_locale()
+        escape_unencodable()
         ctx.meta[TYPED] = [re.sub("^--[a-z-]+=", "", word) for word in args]
         return super().parse_args(ctx, args)
 

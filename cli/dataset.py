@@ -238,7 +238,7 @@ def verify(
         echo(f"{many} in {where}; mend it: prolearn verify {quote(where)} --repair", err=True)
     else:
         echo(
-            f"{many} in {where}, of which {len(left)} left: {left[0].path} holds sound rows, "
+            f"{many} in {where}, {len(left)} of them left: {left[0].path} holds sound rows, "
             "which the manifest does not expect. Compare the manifest with what you meant to "
             f"make; to set them aside all the same: prolearn verify {quote(where)} --repair --yes",
             err=True,

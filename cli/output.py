@@ -21,8 +21,8 @@ WIDE = 1000  # columns that a table may take where no terminal cuts it
 LEAST = 8  # characters of its first column that a table keeps on the narrowest terminal
 
 
-def print_whatever_the_locale() -> None:
-    """Have characters that stdout's encoding lacks, such as Δ in Latin-1, shown as escapes."""
+def escape_unencodable() -> None:
+    """Show characters that stdout's encoding lacks, such as Δ in Latin-1, as escapes."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
 

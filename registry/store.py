@@ -191,8 +191,10 @@ def _experiment(client: Any, name: str, location: str | None, found: Any) -> str
 
 def _refuse_copy(database: Path, location: str) -> None:
     """InputError where runs of a moved or copied project would put files into the old one."""
-    old = Path(unquote(urlsplit(location).path)).parents[1]
-    beside = not location.startswith("file:") or old.resolve() == database.parent.resolve()
+    if not location.startswith("file:"):
+        return
+    old = Path(unquote(urlsplit(location).path)).parent.parent
+    beside = old.resolve() == database.parent.resolve()
     if not beside and (not old.exists() or (old / database.name).exists()):
         raise InputError(
             f"{database} keeps the files of its runs in {old}; expected them beside it, where it "

@@ -119,8 +119,7 @@ def tune(
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
-    data: Sources | None = trial_examples(recipe if alone else replace(recipe, crowded=0), settings)
-    data = data if alone else None
+    examples = trial_examples(recipe if alone else replace(recipe, crowded=0), settings)
     digest = read_manifest(settings.data).digest(settings.n)
     with opened(TUNING) as store:
         path = (settings.storage or store.beside / STORAGE).absolute()
@@ -133,7 +132,7 @@ def tune(
                     study.set_user_attr(PARENT, run_id)
                     params = params_of({"arch": settings.arch, "recipe": recipe.name})
                     store.client.log_batch(run_id, params=params)
-                _search(study, search, workers, data, run_id, progress)
+                _search(study, search, workers, examples if alone else None, run_id, progress)
             if not (trials := complete(study)):
                 raise ProlearnError(
                     f"No trial of {study.study_name} came to an end: the loss diverged in each; "
@@ -199,7 +198,7 @@ def _tell_best(
 def _record(
     asked: AskedTrial, found: FinishedTraining | None, study: "Study", search: RecipeSearch
 ) -> None:
-    """Record a trial as a nested run and in its study, one that diverged as failed."""
+    """Record a trial as a nested MLflow run and in its study; one that diverged has failed."""
     store, tags, how = search.store, environment_tags(TRAINED_BY), asked.settings
     with explained(store.uri):
         with recorded_run(store, TUNING, f"trial-{asked.number}", tags) as run_id:

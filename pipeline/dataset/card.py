@@ -273,7 +273,7 @@ def _read(folder: Folder, task: tuple[int, Piece]) -> list[bytes]:
 
 
 def _summarized(task: tuple[int, Piece], content: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
-    """In a worker: the files of a piece, and the columns SUMMARIZED of each."""
+    """In a worker: sizes and the columns SUMMARIZED of each shard of a piece."""
     piece, found = task[1], []
     for shard, digest, one in zip(piece.shards, piece.digests, content, strict=True):
         with naming(shard, piece.folder):  # one in memory at a time

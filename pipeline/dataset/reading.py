@@ -15,7 +15,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.shards import decode, has_metadata, read_content, sound
+from pipeline.storage.shards import decode, has_metadata, read_content, verified
 from pipeline.text import public_url
 
 LEARNED = ("initial", "goal", "states")  # columns that training reads
@@ -60,8 +60,8 @@ def decode_solved(
     *,
     again: bool = False,
 ) -> pa.Table:
-    """The rows in a solved shard's bytes, as ``read_solved``; InputErrors leave out its name."""
-    table = decode(sound(content, digest), shard.most, columns, again=again)
+    """The rows of a solved shard from its bytes; InputErrors do not name the shard."""
+    table = decode(verified(content, digest), shard.most, columns, again=again)
     if not has_metadata(table, shard.metadata(shard.solved)):
         raise InputError("was made with other settings than the manifest has")
     return table
@@ -69,7 +69,7 @@ def decode_solved(
 
 @contextmanager
 def naming(shard: Shard, folder: str) -> Iterator[None]:
-    """InputErrors in the block, about a damaged shard, name it and say how to mend it."""
+    """Add the name of a damaged shard, and how to mend it, to InputErrors in the block."""
     try:
         yield
     except InputError as error:

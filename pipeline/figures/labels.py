@@ -130,5 +130,5 @@ def architecture_of(planner: str) -> str:
 
 
 def is_of_paper(planner: str) -> bool:
-    """Whether a planner is a network of the paper's, be it of one version alone."""
+    """Whether a planner is one of the paper's six networks, with or without a version."""
     return architecture_of(planner) in FEED_FORWARD | RECURRENT

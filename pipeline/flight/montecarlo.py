@@ -239,7 +239,7 @@ def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int)
     def sound(name: str, digest: str, most: Size) -> pa.Table:
         try:
             content = shards.read_content(ledger.folder, name)
-            return shards.decode(shards.sound(content, digest), most)
+            return shards.decode(shards.verified(content, digest), most)
         except InputError as error:
             wrong = f"{name} in {ledger.folder} {error}; give the same command again."
             raise InputError(wrong) from error

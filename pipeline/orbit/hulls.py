@@ -21,7 +21,7 @@ Corners = list[Int[Array, "_ _"]]
 
 
 def corners(clouds: Sequence[Float[Array, "_ _"]]) -> Corners:
-    """Numbers of the points that are a facet's corners, for each facet of each cloud's hull.
+    """Facets of the convex hull of each point cloud, as indices of their vertices.
 
     QhullError, a RuntimeError, or ValueError where a hull is flat. A file that is missing, damaged
     or of other points is written anew where that is possible, and otherwise does no harm.

@@ -24,7 +24,15 @@ from pipeline.files import make_folder, unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import Folder, Stamp
-from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, encode, read_content, sound
+from pipeline.storage.shards import (
+    TIMED_KEY,
+    Size,
+    decode,
+    digest_of,
+    encode,
+    read_content,
+    verified,
+)
 from pipeline.storage.shared import Shared, shared
 
 TIMED_SCHEMA = "prolearn.timings/1"
@@ -274,7 +282,7 @@ def _make_there(
 def _read(folder: Folder, name: str, digest: str) -> bytes:
     """The content of a shard, or nothing without a name."""
     with told_where(f"{name} in {folder}"):
-        return sound(read_content(folder, name), digest) if name else b""
+        return verified(read_content(folder, name), digest) if name else b""
 
 
 class _Heard(Progress):

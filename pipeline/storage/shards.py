@@ -72,8 +72,8 @@ def read_content(folder: Folder, name: str) -> bytes:
         raise InputError(f"cannot be read ({folder.reason(error)})") from error
 
 
-def sound(content: bytes, digest: str) -> bytes:
-    """A shard's bytes; InputError where they have another digest."""
+def verified(content: bytes, digest: str) -> bytes:
+    """A shard's bytes, verified by their digest; InputError where it is another."""
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
     return content

@@ -93,7 +93,8 @@ def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_
     assert re.search(r"version [12]; of 6 validation scenarios .* are safe with version 2", said)
     assert "Trained before: prolearn-gentle version 1" in said
     assert "Evaluated; MLflow run" in said
-    assert re.search(r"Complete trials: 2, .*; best \d\S* of best_valid_loss on validation", said)
+    best = r"best \d\S* of best_valid_loss on validation data"
+    assert re.search(rf"Complete trials: 2, .*; {best}", said)
     raw, safe = (json.loads((folder / f"{name}.json").read_text()) for name in ("raw", "safe"))
     assert raw["planner"] == "gentle/1"
     assert safe["status"] == "solved"

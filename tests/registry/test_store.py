@@ -16,7 +16,7 @@ from processes import SOON
 from pipeline.errors import InputError, ProlearnError
 from registry.models import list_versions
 from registry.running import recorded_run
-from registry.store import EXPERIMENTS, connect, explained, opened
+from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:
@@ -53,6 +53,13 @@ def test_a_change_of_folder_is_a_change_of_store(
 
     assert second.uri != first
     assert mlflow.get_tracking_uri() == second.uri == f"sqlite:///{other / 'mlflow.db'}"
+
+
+@pytest.mark.parametrize("place", ["s3://bucket", "mlflow-artifacts:/1", "file:///files"])
+def test_runs_may_keep_their_files_in_another_place(folder: Path, place: str) -> None:
+    client = mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder / 'mlflow.db'}")
+    made = client.create_experiment(TRAINING, artifact_location=place)
+    assert connect().experiments[TRAINING] == made
 
 
 def test_connecting_twice_finds_the_same_experiments(folder: Path) -> None:
