@@ -11,7 +11,8 @@ from pipeline.expert.batch import Batch
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.impulse_bit import without_small_burns
 from pipeline.expert.incumbents import SearchResult
-from pipeline.expert.scp import Search, SearchProblem, Seeds, cluster_labels
+from pipeline.expert.neighbourhoods import cluster_labels
+from pipeline.expert.scp import Search, SearchProblem, Seeds
 from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE

@@ -30,11 +30,12 @@ from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit
-from pipeline.expert.incumbents import Incumbents, SearchResult
+from pipeline.expert.incumbents import SLACK_TOLERANCE, Incumbents, SearchResult
 from pipeline.expert.limited import of_program, settled
+from pipeline.expert.neighbourhoods import about_some, cluster_labels, neighbourhoods
 from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
-from pipeline.expert.subproblem import Optimum, Subproblem, UnsolvableError
+from pipeline.expert.subproblem import Basis, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls, Indices, Marked, Values, Vectors
 from pipeline.orbit.bezier import norm
@@ -53,23 +54,6 @@ LARGE = 200  # craft of a cluster from which on only pairs of craft that moved a
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
 Seeds = Sequence[Float[Array, "_ intervals 3"] | None]  # controls that fly a seed, or None
-
-
-def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
-    """Label of each connected component of the conflict graph: its lowest index.
-
-    Labels are handed on along cuts until none changes; for graphs this small that takes a tenth
-    of the time of a general routine, which would take as long as the program it prepares.
-    """
-    labels = np.arange(n)
-    while True:
-        lowest = np.minimum(labels[first], labels[second])
-        joined = labels.copy()
-        np.minimum.at(joined, first, lowest)
-        np.minimum.at(joined, second, lowest)
-        if (joined == labels).all():
-            return labels
-        labels = joined
 
 
 def _groups(labels: Indices) -> list[Int[Array, "_"]]:
@@ -126,7 +110,9 @@ class Search:
         in_conflict = self._scenarios(cuts.first)
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
-        self.back_off = np.zeros(0)  # what each cut asks for beyond radius and margin, m
+        # What each cut asks for beyond radius and margin, m, and its dual in the last program that
+        # had it, m/s² per m.
+        self.back_off, self.dual = np.zeros((2, 0))
         self.bases = Bases(self.batch.optima.basis, 3 * self.problem.intervals)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
@@ -218,7 +204,8 @@ class Search:
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
         self.bases.grow(len(cuts))
-        self.back_off = np.append(self.back_off, np.zeros(len(cuts) - len(self.back_off)))
+        more = np.zeros(len(cuts) - len(self.dual))
+        self.back_off, self.dual = np.append(self.back_off, more), np.append(self.dual, more)
         # The cluster of each craft.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
         label = self.labels[cuts.first]
@@ -253,20 +240,11 @@ class Search:
         planes = half_spaces(
             self.cuts, normal, self.batch.initial, self.problem, self.separation + self.back_off
         )
-        self.dual = np.zeros(len(self.cuts))  # of each cut in this round's programs, m/s² per m
         for craft in clusters:
-            cuts = self.cuts_of[int(craft[0])]
             try:
-                best = self._solve_cluster(craft, cuts, planes)
+                self._solve_cluster(craft, planes)
             except UnsolvableError as error:
                 self._fail(craft, str(error))
-                continue
-            self.bases.keep(craft, cuts, best)
-            self.iterate.controls[craft] = best.controls.reshape(len(craft), -1, 3)
-            self.dual[cuts] = best.dual
-            k = int(best.slack.argmax())
-            i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
-            self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
         for craft in clusters:
             gained_nothing = self._worth(self.iterate, craft) >= self._worth(self.reference, craft)
             if self.accepted[craft].all() and gained_nothing:
@@ -275,19 +253,56 @@ class Search:
         self.iterate.set(moved, self._flown(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
 
-    def _solve_cluster(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> Optimum:
+    def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
+        """Solve a cluster's program or, of a large one, those of craft near unsafe ones.
+
+        Where that leaves slack, craft further away may have to move as well.
+        """
+        cuts = self.cuts_of[int(craft[0])]
+        whole = self.batch.weight is not None  # in the largest share all craft count
+        parts = [craft] if whole else neighbourhoods(craft, self.cuts[cuts], self.unsafe)
+        tight = [part for part in parts if self._solve_part(part, cuts, planes) > SLACK_TOLERANCE]
+        if not tight or len(parts[0]) == len(craft):
+            return
+        near = np.zeros(len(self.swarm), dtype=bool)
+        near[np.concatenate(tight)] = True
+        for part in neighbourhoods(craft, self.cuts[cuts], near):
+            self._solve_part(part, cuts, planes)
+
+    def _solve_part(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> float:
+        """Solve the program of some craft of a cluster with such cuts; the largest slack, m."""
+        whole = len(craft) == np.count_nonzero(self.labels == self.labels[craft[0]])
+        if not whole:
+            mine = np.zeros(len(self.swarm), dtype=bool)
+            mine[craft] = True
+            cuts = cuts[mine[self.cuts.first[cuts]] | mine[self.cuts.second[cuts]]]
+        best = self._optimum(craft, cuts, planes, self.bases.last(craft, cuts) if whole else None)
+        if whole:
+            self.bases.keep(craft, cuts, best)
+        self.iterate.controls[craft] = best.controls.reshape(len(craft), -1, 3)
+        self.dual[cuts] = best.dual
+        k = int(best.slack.argmax())
+        i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
+        self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
+        return float(best.slack[k])
+
+    def _optimum(
+        self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces, last: Basis | None
+    ) -> Optimum:
         batch, basis = self.batch, self.batch.optima.basis
+        bound = about_some(craft, self.cuts[cuts], planes[cuts], self.iterate.controls)
+        first, second, half_spaces = bound
         sub = Subproblem(
             reach=transfer_maps(self.problem).reach[-1],
             miss=self.batch.miss[craft],
-            first=np.searchsorted(craft, self.cuts.first[cuts]),
-            second=np.searchsorted(craft, self.cuts.second[cuts]),
-            **vars(planes[cuts]),
+            first=first,
+            second=second,
+            **vars(half_spaces),
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),
             basis=None if basis is None else basis[craft],
-            last=self.bases.last(craft, cuts),
+            last=last,
         )
         if batch.limits is None or batch.arrivals is None:
             return SOLVERS[self.settings.solver](sub)

@@ -1,0 +1,64 @@
+"""Large clusters are solved in parts: about unsafe craft, with all others held as they fly."""
+
+import numpy as np
+import pytest
+
+from pipeline.expert import neighbourhoods as parts_of
+from pipeline.expert import solve
+from pipeline.expert.cuts import HalfSpaces, cuts_at
+from pipeline.orbit.problem import Problem
+from pipeline.plan import SOLVED
+from pipeline.scenario import draw
+
+RNG = np.random.default_rng(5)
+
+
+def chain(n):
+    """Cuts between each craft and the next."""
+    each = np.arange(n - 1)
+    return cuts_at(each, each + 1, np.zeros_like(each), np.zeros(n - 1), Problem())
+
+
+def test_parts_are_the_craft_within_two_cuts_of_unsafe_ones(monkeypatch):
+    monkeypatch.setattr(parts_of, "VAST", 10)
+    unsafe = np.isin(np.arange(20), [4, 16])
+    found = parts_of.neighbourhoods(np.arange(20), chain(20), unsafe)
+    assert [part.tolist() for part in found] == [[2, 3, 4, 5, 6], [14, 15, 16, 17, 18]]
+
+
+@pytest.mark.parametrize("unsafe", [[], [0, 5, 10, 15]])
+def test_a_cluster_is_solved_whole_where_none_or_most_of_it_is_unsafe(monkeypatch, unsafe):
+    monkeypatch.setattr(parts_of, "VAST", 10)
+    (whole,) = parts_of.neighbourhoods(np.arange(20), chain(20), np.isin(np.arange(20), unsafe))
+    assert whole.tolist() == list(range(20))
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_half_spaces_about_some_craft_are_missed_by_as_much_as_those_about_all(alike):
+    controls = RNG.normal(size=(6, 10, 3))
+    pairs = np.array([(0, 1), (1, 2), (2, 3), (3, 4), (1, 2)])
+    cuts = cuts_at(*pairs.T, np.zeros(5, dtype=int), np.zeros(5), Problem())
+    row, other = RNG.normal(size=(2, 5, 30))
+    other = row if alike else other
+    planes = HalfSpaces(row, RNG.normal(size=5), None if alike else other)
+    some, flat = np.array([1, 2, 4]), controls.reshape(6, 30)
+    first, second, bound = parts_of.about_some(some, cuts, planes, controls)
+    mine = flat[some]
+    margin = np.vecdot(row, flat[pairs[:, 0]]) - np.vecdot(other, flat[pairs[:, 1]])
+    found = np.vecdot(bound.row, mine[first]) - np.vecdot(bound.other, mine[second])
+    assert found - bound.required == pytest.approx(margin - planes.required, abs=1e-12)
+
+
+def test_plans_of_clusters_in_parts_are_safe_and_cost_what_whole_ones_do(monkeypatch):
+    scenarios = [draw("rings", 7, 40, index, Problem()) for index in range(6)]
+    whole = [solve(scenario) for scenario in scenarios]
+    monkeypatch.setattr(parts_of, "VAST", 4)
+    monkeypatch.setattr(parts_of, "HOPS", 0)
+    parts = [solve(scenario) for scenario in scenarios]
+    assert any(
+        (one.controls != other.controls).any() for one, other in zip(whole, parts, strict=True)
+    )
+    assert all(plan.status == SOLVED for plan in parts)
+    fuel = np.array([[plan.certificate.fuel for plan in plans] for plans in (whole, parts)])
+    assert fuel[1] == pytest.approx(fuel[0], rel=2e-2)
+    assert fuel[1].sum() == pytest.approx(fuel[0].sum(), rel=3e-3)
