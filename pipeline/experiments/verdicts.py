@@ -35,7 +35,7 @@ class Finding:
 
 
 def decide(rules: Rules, *claims: bool | str | None) -> str:
-    """The verdict of the first rule that some claims meet."""
+    """The verdict of the first rule whose pattern the claims match."""
     return next(
         verdict
         for pattern, verdict in rules
