@@ -1,1 +1,1 @@
-"""The command line: one thin command a stage."""
+"""The command line interface: a function for each command."""

@@ -29,7 +29,7 @@ class Terminated(KeyboardInterrupt):
 AGAIN_SECONDS = 0.05  # after so long an interrupt that a callback has swallowed is raised again
 
 TYPED = "prolearn.typed"
-"""Under this name a command's context has its arguments, values of options alone."""
+"""Key in a command's context of the words that were typed, of options their values."""
 
 USAGE: Any = typer.BadParameter.__base__
 """What Typer raises for arguments that a command does not have; it quotes them as they are."""

@@ -351,19 +351,12 @@ class OrbitPlace:
 
     def orbit(self, altitude: float) -> "ReferenceOrbit":
         """The orbit of these mean elements, its semi-major axis so many m above the Earth."""
+        from pipeline.flight.conditions import Conditions
         from pipeline.orbit.reference import R_EARTH
-        from pipeline.orbit.reference_orbit import ReferenceOrbit
 
-        inclination = 97.4 if self.inclination_deg is None else self.inclination_deg
-        return ReferenceOrbit.of_mean(
-            semi_major_axis=R_EARTH + altitude,
-            eccentricity=self.eccentricity or 0.0,
-            inclination_deg=inclination,
-            raan_deg=self.raan_deg or 0.0,
-            argument_of_perigee_deg=self.argument_of_perigee_deg,
-            argument_of_latitude_deg=self.argument_of_latitude_deg or 0.0,
-            j2=not self.no_j2,
-        )
+        left_out = ("epoch", "no_j2")
+        given = {k: v for k, v in vars(self).items() if v is not None and k not in left_out}
+        return Conditions(**given, j2=not self.no_j2).sized(R_EARTH + altitude)
 
     def at(self, orbit: "ReferenceOrbit") -> "OrbitPlace":
         """This place with an orbit's osculating angles, or with none where there is no epoch."""

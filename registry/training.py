@@ -29,17 +29,8 @@ from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
-from registry import entities
+from registry import entities, models
 from registry.environment import TRAINED_BY, environment_tags, requirements
-from registry.models import (
-    CHAMPION,
-    PREFIX,
-    ModelVersion,
-    read_version,
-    recipe_params,
-    run_of_version,
-    table_names,
-)
 from registry.pyfunc import SIGNATURE
 from registry.running import recorded_run
 from registry.store import TRAINING, Store, opened
@@ -87,7 +78,7 @@ def record_of(
     return TrainingRecord(
         params={
             "arch": trained.model.architecture,
-            **recipe_params(recipe),
+            **models.recipe_params(recipe),
             "epochs": len(trained.history),
             "seed": seed,
             "device": trained.device,
@@ -115,7 +106,7 @@ def record_training(
     seed: int,
     dataset: DatasetInfo,
     metrics: Mapping[str, SupportsFloat] | None = None,
-) -> ModelVersion:
+) -> models.ModelVersion:
     """Record a training in MLflow and register its network as ``prolearn-<arch>``.
 
     The first version of a model becomes its champion. Where the store fails, the network is kept
@@ -142,7 +133,7 @@ def record_training(
             ) from error
 
 
-def register_kept(folder: Path) -> ModelVersion:
+def register_kept(folder: Path) -> models.ModelVersion:
     """Register a network kept because the store had failed; InputError where not sound."""
     record, model = _read_record(folder / RECORD), load_network(folder)
     with scratch_folder() as scratch:
@@ -151,7 +142,7 @@ def register_kept(folder: Path) -> ModelVersion:
         return _register(network, model, record)
 
 
-def _register(folder: Path, model: Model, record: TrainingRecord) -> ModelVersion:
+def _register(folder: Path, model: Model, record: TrainingRecord) -> models.ModelVersion:
     """Record and register the network saved in a folder, which lies in a temporary one."""
     arch, params = model.architecture, record.params
     with opened() as store:
@@ -167,11 +158,11 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> ModelVersio
                 model_id = _log_model(folder, model)
             store.client.log_batch(run_id, metrics=entities.metrics_of(record.metrics, model_id))
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
-            number = _new_version(store, PREFIX + arch, run_id, model_id, tags)
-        aliases = store.client.get_registered_model(PREFIX + arch).aliases
-        if CHAMPION not in aliases:
-            store.client.set_registered_model_alias(PREFIX + arch, CHAMPION, number)
-        return read_version(store, PREFIX + arch, number)
+            number = _new_version(store, models.PREFIX + arch, run_id, model_id, tags)
+        aliases = store.client.get_registered_model(models.PREFIX + arch).aliases
+        if models.CHAMPION not in aliases:
+            store.client.set_registered_model_alias(models.PREFIX + arch, models.CHAMPION, number)
+        return models.read_version(store, models.PREFIX + arch, number)
 
 
 def _keep(folder: Path, record: TrainingRecord) -> Path:
@@ -249,7 +240,7 @@ def _new_version(
 
 
 def add_model_results(
-    version: ModelVersion,
+    version: models.ModelVersion,
     metrics: Mapping[int, Mapping[str, SupportsFloat]],
     figures: Path,
     *,
@@ -262,7 +253,7 @@ def add_model_results(
     """
     with opened(create=False) as store:
         try:
-            if run_of_version(store, version.run_id) is None:
+            if models.run_of_version(store, version.run_id) is None:
                 raise FileNotFoundError("it is gone")
             _add_metrics(store, version, metrics)
             used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
@@ -276,7 +267,7 @@ def add_model_results(
 
 
 def _add_metrics(
-    store: Store, version: ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
+    store: Store, version: models.ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
 ) -> None:
     """Add metrics to a run and its model, dated after all that are there, as clocks may differ."""
     try:
@@ -291,17 +282,17 @@ def _add_metrics(
     store.client.log_batch(version.run_id, metrics=added)
 
 
-def model_metric_by_size(version: ModelVersion, name: str) -> dict[int, float]:
+def model_metric_by_size(version: models.ModelVersion, name: str) -> dict[int, float]:
     """A metric of experiment 2 in a model's own run, by swarm size; empty where there is none."""
     with opened(create=False) as store:
-        there = run_of_version(store, version.run_id) is not None
+        there = models.run_of_version(store, version.run_id) is not None
         history = store.client.get_metric_history(version.run_id, name) if there else []
     return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
 
 
-def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def training_tables(versions: Sequence[models.ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """A row for each version, columns of Training; and for each epoch, columns of EpochLosses."""
-    names = table_names(versions)
+    names = models.table_names(versions)
     with opened(create=False) as store:
         epochs = [e for v in versions for e in _epochs(store, v, names[v.uri])]
     rows = [_training_row(version) | {"arch": names[version.uri]} for version in versions]
@@ -311,7 +302,7 @@ def training_tables(versions: Sequence[ModelVersion]) -> tuple[pd.DataFrame, pd.
     )
 
 
-def _training_row(version: ModelVersion) -> dict[str, Any]:
+def _training_row(version: models.ModelVersion) -> dict[str, Any]:
     """The facts in a version's run; None where they are missing or malformed."""
     params, metrics = version.params, version.metrics
     counts = ("parameters", "epochs", "train_instances")
@@ -327,7 +318,7 @@ def _training_row(version: ModelVersion) -> dict[str, Any]:
     }
 
 
-def _epochs(store: Store, version: ModelVersion, name: str) -> list[EpochLosses]:
+def _epochs(store: Store, version: models.ModelVersion, name: str) -> list[EpochLosses]:
     """The losses of a training; none where its run is gone."""
     if not version.params:
         return []

@@ -116,7 +116,6 @@ def _model_card(
     return template("cli/jobs/card.md.jinja").render(
         version=version,
         exported=exported,
-        checked=checked,
         encoding=model.encoding,
         sha256=sha256,
         tolerance=f"{TOLERANCE:g}",
@@ -147,17 +146,15 @@ def _craft_card(
     return template("cli/jobs/craft_card.md.jinja").render(
         version=version,
         recipe=model.recipe if version is None else version.recipe,
-        checked=exported.checked,
+        exported=exported,
+        config=model.config,
         tolerance=f"{CRAFT_TOLERANCE:g}",
-        rounds=model.config["rounds"],
         files=table(("file", "KiB", "ms", "tells", "sha256, beginning"), files),
         safe=f"{SAFE:g}",
         steady=f"{STEADY:g}",
-        told=exported.told,
         messages=table(("name", "numbers", "content"), messages),
         steps={name: _step_interface(name) for name in STEPS},
         T=model.problem.nodes,
-        H=model.config["message"],
         training=_training(version, model),
         measured=_by_size(measured),
     )

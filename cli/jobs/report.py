@@ -1,7 +1,7 @@
 """The report of one evaluation, with the newest sound run of each other experiment beside it."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -171,33 +171,26 @@ def _results(
         curves=curves,
         examples=examples,
         provenance=_provenance(parts),
-        notes=[*notes, *_version_notes(parts), *_model_notes(parts)],
+        notes=[*notes, *_notes(parts)],
     )
 
 
-def _version_notes(parts: Mapping[str, Found]) -> list[str]:
-    """Notes on parts that were made with other versions, or recorded without checksums."""
-    notes, made = [], {name: versions_of(part.run.tags) for name, part in parts.items()}
-    for name, versions in made.items():
-        if change := version_change(versions, made[EVALUATED], "the evaluation with"):
-            notes.append(f"{name} was made with {change}.")
-    unchecked = [name for name, part in parts.items() if not part.run.has_digests]
-    if unchecked:
-        notes.append(
+def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
+    """Notes on parts of other versions than the evaluation, without checksums, of other models."""
+    first = parts[EVALUATED].run
+    for name, part in parts.items():
+        versions = versions_of(part.run.tags), versions_of(first.tags)
+        if change := version_change(*versions, "the evaluation with"):
+            yield f"{name} was made with {change}."
+    if unchecked := [name for name, part in parts.items() if not part.run.has_digests]:
+        yield (
             f"{'; '.join(unchecked)}: recorded without checksums, by an earlier version of "
             "prolearn, so that damage to their files since then would not be seen."
         )
-    return notes
-
-
-def _model_notes(parts: Mapping[str, Found]) -> list[str]:
-    """Notes on parts with other models than the evaluation."""
-    evaluated, notes = _model_names(parts[EVALUATED].run), []
+    evaluated = _model_names(first)
     for name, part in parts.items():
-        others = [version.uri for version in part.models if version.uri not in evaluated]
-        if others:
-            notes.append(f"{name}: {', '.join(others)} took part there and not in this evaluation.")
-    return notes
+        if others := [one.uri for one in part.models if one.uri not in evaluated]:
+            yield f"{name}: {', '.join(others)} took part there and not in this evaluation."
 
 
 def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:

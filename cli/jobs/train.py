@@ -7,14 +7,7 @@ from functools import partial
 
 import pandas as pd
 
-from cli.jobs.training import (
-    AskedTraining,
-    FinishedTraining,
-    followed_recipe,
-    train_and_fly,
-    train_in_worker,
-    validation_trials,
-)
+from cli.jobs import training
 from cli.settings import TrainingSettings
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
@@ -54,7 +47,7 @@ def trained_before(
     names.
     """
     wanted = {
-        **models.recipe_params(followed_recipe(arch, seed, settings)),
+        **models.recipe_params(training.followed_recipe(arch, seed, settings)),
         "arch": arch,
         "seed": seed,
         "n_spacecraft": settings.n,
@@ -79,7 +72,7 @@ def trained_before(
     if version.contest:
         return version, None
     model, _ = models.load(version)
-    trials = validation_trials(model, settings.data, version.n)
+    trials = training.validation_trials(model, settings.data, version.n)
     return version, challenge(version, trials, settings.data)
 
 
@@ -91,16 +84,16 @@ def train_model(
     The seed is that of weights, order, dropout and fresh scenarios. A ProlearnError says where
     the loss diverges or the tracking store fails.
     """
-    asked = AskedTraining.of(arch, seed, settings)
+    asked = training.AskedTraining.of(arch, seed, settings)
     data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after
-    finished = train_and_fly(asked, data, progress)
+    finished = training.train_and_fly(asked, data, progress)
     version = _record(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
 
 
 def train_models(
-    asked: Sequence[AskedTraining], workers: Workers, progress: Progress = SILENT
+    asked: Sequence[training.AskedTraining], workers: Workers, progress: Progress = SILENT
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order asked.
 
@@ -109,18 +102,18 @@ def train_models(
     """
     progress.expect(len(asked))
     connect()
-    one = partial(train_in_worker, made_with(*TRAINED_BY))
+    one = partial(training.train_in_worker, made_with(*TRAINED_BY))
     done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
     tasks = list(enumerate(asked))
     with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:
-        for (number, training), finished in results:
-            done[number] = _record(training, finished), finished.trials
-            progress.done(note=f"{training.arch}, seed {training.seed}")
-    found = [(*done[number], training.settings.data) for number, training in tasks]
+        for (number, task), finished in results:
+            done[number] = _record(task, finished), finished.trials
+            progress.done(note=f"{task.arch}, seed {task.seed}")
+    found = [(*done[number], task.settings.data) for number, task in tasks]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _record(asked: AskedTraining, finished: FinishedTraining) -> ModelVersion:
+def _record(asked: training.AskedTraining, finished: training.FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
         recipe=asked.recipe,
@@ -172,7 +165,7 @@ def promote(
         return models.set_champion(version), ""
     where = data or version.params.get("dataset", "")
     try:
-        mine = validation_trials(models.load(version)[0], where, version.n)
+        mine = training.validation_trials(models.load(version)[0], where, version.n)
         better, reason = _compared(version, mine, champion, where)
     except InputError as error:
         raise InputError(
@@ -192,7 +185,7 @@ def _compared(
     version: ModelVersion, mine: pd.DataFrame, champion: ModelVersion, data: Where
 ) -> tuple[bool, str]:
     """Whether a version, by its trials, is better than the champion, and the figures in words."""
-    theirs = validation_trials(models.load(champion)[0], data, version.n)
+    theirs = training.validation_trials(models.load(champion)[0], data, version.n)
     if mine.empty or theirs.empty:
         raise InputError("there are no validation scenarios")
     compared = compare(mine, theirs, "fuel")

@@ -125,11 +125,6 @@ def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
     return table
 
 
-def trial_examples(recipe: Recipe, how: TuningSettings) -> Sources:
-    """What a trial learns from, and what it is measured by."""
-    return sources(recipe, how.data, how.n, seed=how.seed)
-
-
 def train_trial(
     expected: Mapping[str, str], asked: AskedTrial, data: Sources | None
 ) -> FinishedTraining | None:
@@ -137,7 +132,7 @@ def train_trial(
     check_worker(expected, TRAINED_BY)
     how, recipe = asked.settings, asked.recipe
     check_data(how.data, how.n, asked.digest)
-    learn, valid = data or trial_examples(recipe, how)
+    learn, valid = data or sources(recipe, how.data, how.n, seed=how.seed)
     try:
         trained = train(how.arch, recipe, learn, valid, seed=how.seed, device=how.device)
     except InputError:

@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mlflow.exceptions import MlflowException
 
-from cli.jobs.training import (
-    AskedTrial,
-    FinishedTraining,
-    Sources,
-    train_trial,
-    trial_examples,
-)
+from cli.jobs.training import AskedTrial, FinishedTraining, Sources, train_trial
 from cli.settings import TuningSettings
 from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError, check_range
@@ -28,6 +22,7 @@ from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
 from pipeline.scenario.families import SEEDS
+from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
@@ -119,7 +114,8 @@ def tune(
     recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
-    examples = trial_examples(recipe if alone else replace(recipe, crowded=0), settings)
+    drawn = recipe if alone else replace(recipe, crowded=0)
+    examples = sources(drawn, settings.data, settings.n, seed=settings.seed)
     digest = read_manifest(settings.data).digest(settings.n)
     with opened(TUNING) as store:
         path = (settings.storage or store.beside / STORAGE).absolute()
@@ -161,6 +157,8 @@ def _search(
 ) -> None:
     """Make the trials that are left; this process has the data, or each worker reads them."""
     how, unused = search.settings, unused_fields(find(search.settings.arch))
+    metric = "best_" + search.objective.removeprefix("best_")
+    unit = " m" if search.objective == POSITION_RMSE else ""
     one = partial(train_trial, made_with(*TRAINED_BY))
     last = min(how.trials, complete(study))
     left = how.trials - last  # a loss that diverges is an answer, too
@@ -176,23 +174,14 @@ def _search(
             with closing(workers.work(one, tasks, lambda _: data, progress)) as results:
                 for asked, found in results:
                     _record(asked, found, study, search)
-                    before, last = last, min(complete(study), how.trials)
-                    _tell_best(study, search, run_id, last - before, progress)
+                    if done := complete(study):
+                        best = metrics_of({metric: study.best_value}, step=done)
+                        search.store.client.log_batch(run_id, metrics=best)
+                        before, last = last, min(done, how.trials)
+                        progress.done(last - before, f"best {study.best_value:.4g}{unit}")
                     if last == how.trials:
                         break
     progress.end("others diverged")
-
-
-def _tell_best(
-    study: "Study", search: RecipeSearch, run_id: str, more: int, progress: Progress
-) -> None:
-    if not (done := complete(study)):
-        return
-    objective, least = search.objective, study.best_value
-    best = {"best_" + objective.removeprefix("best_"): least}
-    search.store.client.log_batch(run_id, metrics=metrics_of(best, step=done))
-    unit = " m" if objective == POSITION_RMSE else ""
-    progress.done(more, f"best {least:.4g}{unit}")
 
 
 def _record(

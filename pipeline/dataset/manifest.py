@@ -55,13 +55,11 @@ def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any
 
 
 def settings_of(record: Mapping[str, Any]) -> Settings:
-    """The settings of the expert in a record."""
-    return Settings(**{k: v for k, v in _current(record).items() if k not in REQUIRED})
-
-
-def _current(record: Mapping[str, Any]) -> Mapping[str, Any]:
-    solver = record.get("solver")
-    return {**record, "solver": FORMER_SOLVERS[solver]} if solver in FORMER_SOLVERS else record
+    """The settings of the expert in a record; ValueError or TypeError where there are none."""
+    given = {name: value for name, value in record.items() if name not in REQUIRED}
+    if (solver := given.get("solver")) in FORMER_SOLVERS:
+        given["solver"] = FORMER_SOLVERS[solver]
+    return validated(Settings, given) and Settings(**given)
 
 
 def requirements_of(record: Mapping[str, Any]) -> Requirements:
@@ -72,7 +70,6 @@ def requirements_of(record: Mapping[str, Any]) -> Requirements:
 
 def _checked_record(given: Mapping[str, Any]) -> Mapping[str, Any]:
     try:
-        validated(Settings, _current(given))
         settings_of(given), requirements_of(given)
     except ValidationError as error:
         raise ValueError(first_fault(error)) from None

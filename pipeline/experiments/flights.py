@@ -1,7 +1,8 @@
 """Runs of experiment 5: plans flown in other worlds, with errors, in open and closed loop."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from itertools import islice, product
 
 import numpy as np
@@ -30,21 +31,6 @@ MAGNITUDES = {records.NO_ERRORS: Errors(), records.WITH_ERRORS: COLD_GAS}  # of 
 MOST_FLIGHTS = 10_000  # of one scenario, side by side
 
 
-@dataclass(frozen=True, eq=False)
-class ScenarioFlights:
-    """All flights of one scenario.
-
-    In ``worlds`` plans fly in all loops, with and without errors; elsewhere without in open loop.
-    """
-
-    trial: int
-    scenario: Scenario
-    planners: Sequence[EvaluatedPlanner]
-    worlds: Sequence[str]
-    flights: int
-    seed: int
-
-
 def run_flights(
     planners: Sequence[EvaluatedPlanner],
     scenarios: Sequence[Scenario],
@@ -63,28 +49,21 @@ def run_flights(
     one plan. Plans of others are also made as flown about each of ORBITS, and flown there without
     errors in open loop beside those for the linear model.
 
-    Args:
-        planners: who plans.
-        scenarios: of one problem and one n.
-        flights: draws of errors for each scenario; flights without errors are flown once.
-        larger: scenarios of another n, flown in the world of TYPICAL alone.
-        seed: root seed of errors, and of where on their orbits references begin.
-        workers: by default all cores of this machine; the result does not depend on them.
-        kept: parts of an earlier run.
-        progress: is told of each scenario.
-
-    Returns:
-        A row for each flight, columns of Flight.
+    The scenarios are of one problem and one n; ``larger`` ones, of another n, fly in the world of
+    TYPICAL alone. Each has so many ``flights`` with other errors, and one without any. The seed is
+    that of errors and of where on their orbits references begin. A row for each flight, columns of
+    Flight, which do not depend on the workers.
     """
     check_range("flights", flights, 1, MOST_FLIGHTS)
     check_seed(seed)
     sizes = ((scenarios, records.WORLDS), (larger, (records.TYPICAL,)))
     parts = [
-        Part(ScenarioFlights(k, one, planners, worlds, flights, seed), one.n, f"n={one.n}")
+        Part((k, one, worlds), one.n, f"n={one.n}")
         for some, worlds in sizes
         for k, one in enumerate(some)
     ]
-    tables = done_parts("flights", _flown, parts, workers=workers, kept=kept, progress=progress)
+    flown = partial(_flown, planners, flights, seed)
+    tables = done_parts("flights", flown, parts, workers=workers, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
 
 
@@ -106,36 +85,38 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearW
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """A plan of some planner, the model it was made for, and how it is flown."""
-
-    plan: Plan
-    planned: str
-    world: str
-    errors: str
-    loop: Loop
+Way = tuple[Plan, str, str, str, Loop]
+"""A plan, the model that it was made for, and the world, errors and loop that it flies in."""
 
 
-def _flown(asked: ScenarioFlights) -> pd.DataFrame:
-    """The rows of a scenario; the flights of a loop in a world side by side."""
-    scenario, problem, first = asked.scenario, asked.scenario.problem, asked.trial * asked.flights
-    nonlinear = worlds_of(scenario, asked.seed, asked.trial)
+def _flown(
+    planners: Sequence[EvaluatedPlanner],
+    flights: int,
+    seed: int,
+    part: tuple[int, Scenario, Sequence[str]],
+) -> pd.DataFrame:
+    """The rows of a scenario; the flights of a loop in a world side by side.
+
+    In the part's worlds plans fly in all loops, with and without errors; elsewhere without errors
+    in open loop.
+    """
+    trial, scenario, in_loops = part
+    problem, first = scenario.problem, trial * flights
+    nonlinear = worlds_of(scenario, seed, trial)
     worlds: dict[str, World] = {records.LINEAR: LinearWorld(problem.dynamics), **nonlinear}
     tables = []
-    for one in asked.planners:
-        for way in _ways(asked, one, nonlinear):
-            loop, count = way.loop, 1 if way.errors == records.NO_ERRORS else asked.flights
+    for one in planners:
+        for plan, planned, world, errors, loop in _ways(one.planner, scenario, in_loops, nonlinear):
+            count = 1 if errors == records.NO_ERRORS else flights
             draws = range(first, first + count)
-            errors = MAGNITUDES[way.errors]
-            flown = loop.fly(scenario, worlds[way.world], errors, draws, asked.seed)
+            flown = loop.fly(scenario, worlds[world], MAGNITUDES[errors], draws, seed)
             unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
-            if way.plan.certificate.risk:
-                unsafe = float(way.plan.status != SOLVED)
+            if plan.certificate.risk:
+                unsafe = float(plan.status != SOLVED)
             rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
-                planned=way.planned,
-                world=way.world,
-                errors=way.errors,
+                planned=planned,
+                world=world,
+                errors=errors,
                 loop=loop.name,
                 flight=range(count),
                 within_radius=flown["min_separation"] <= problem.collision_radius,
@@ -144,36 +125,38 @@ def _flown(asked: ScenarioFlights) -> pd.DataFrame:
                 planner=one.planner.name,
                 recipe=one.recipe,
                 training_seed=one.training_seed,
-                delta_v_bound=way.plan.certificate.fuel_lower_bound * problem.time_step,
+                delta_v_bound=plan.certificate.fuel_lower_bound * problem.time_step,
             )
             tables.append(rows)
     columns = list(records.TABLES["flights"])
-    return pd.concat(tables).assign(n=scenario.n, trial=asked.trial)[columns]
+    return pd.concat(tables).assign(n=scenario.n, trial=trial)[columns]
 
 
 def _ways(
-    asked: ScenarioFlights, one: EvaluatedPlanner, worlds: Mapping[str, NonlinearWorld]
-) -> Iterator[_Way]:
+    planner: Planner,
+    scenario: Scenario,
+    in_loops: Sequence[str],
+    worlds: Mapping[str, NonlinearWorld],
+) -> Iterator[Way]:
     """All ways to fly one planner's plans of a scenario."""
-    scenario, baseline = asked.scenario, one.planner.name in BASELINES
-    (plan,) = one.planner.plan([scenario])
-    every = flight_loops(plan, COLD_GAS, one.planner)
+    baseline, exact = planner.name in BASELINES, records.NO_ERRORS
+    (plan,) = planner.plan([scenario])
+    every = flight_loops(plan, COLD_GAS, planner)
     loops = list(islice(every, 2) if baseline else every)
-    for world, errors, loop in product(asked.worlds, MAGNITUDES, loops):
-        if errors != records.NO_ERRORS or loop.name != records.MARGIN:
-            yield _Way(plan, records.LINEAR, world, errors, loop)
-    for world in asked.worlds:
+    for world, errors, loop in product(in_loops, MAGNITUDES, loops):
+        if errors != exact or loop.name != records.MARGIN:
+            yield plan, records.LINEAR, world, errors, loop
+    for world in in_loops:
         kept, planned = plan, records.LINEAR
         if not baseline:
-            kept, planned = _with_risk(one.planner, scenario, worlds.get(world))
-        yield _Way(
-            kept, planned, world, records.WITH_ERRORS, Loop(FEEDBACK, kept.controls, kept.states)
-        )
+            kept, planned = _with_risk(planner, scenario, worlds.get(world))
+        loop = Loop(FEEDBACK, kept.controls, kept.states)
+        yield kept, planned, world, records.WITH_ERRORS, loop
     for orbit, there in {} if baseline else worlds.items():
-        if orbit not in asked.worlds:
-            yield _Way(plan, records.LINEAR, orbit, records.NO_ERRORS, Loop(OPEN, plan.controls))
-        (flown,) = AsFlown(one.planner, there.orbit).plan([scenario])
-        yield _Way(flown, records.AS_FLOWN, orbit, records.NO_ERRORS, Loop(OPEN, flown.controls))
+        if orbit not in in_loops:
+            yield plan, records.LINEAR, orbit, exact, Loop(OPEN, plan.controls)
+        (flown,) = AsFlown(planner, there.orbit).plan([scenario])
+        yield flown, records.AS_FLOWN, orbit, exact, Loop(OPEN, flown.controls)
 
 
 def _with_risk(

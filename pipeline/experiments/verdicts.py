@@ -10,15 +10,6 @@ from scipy import stats
 from pipeline.experiments.records import PREDICTED
 from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
-from pipeline.figures.labels import (
-    in_order,
-    is_network,
-    is_of_paper,
-    percents,
-    ratio,
-    ratios,
-    share,
-)
 
 DECOUPLED = "decoupled optimum"
 """The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
@@ -44,7 +35,7 @@ class Finding:
 
 
 def decide(rules: Rules, *claims: bool | str | None) -> str:
-    """The verdict of the first rule that some claims meet."""
+    """The verdict of the first rule whose pattern the claims match."""
     return next(
         verdict
         for pattern, verdict in rules
@@ -72,10 +63,9 @@ class Measured:
     @property
     def text(self) -> str:
         """Both numbers with their intervals."""
-        return (
-            f"safe in {share(self.safe)} {percents(*self.safe_interval)} at {ratio(self.fuel)} "
-            f"{ratios(*self.fuel_interval)} of the bound"
-        )
+        safe = f"{labels.share(self.safe)} {labels.percents(*self.safe_interval)}"
+        fuel = f"{labels.ratio(self.fuel)} {labels.ratios(*self.fuel_interval)}"
+        return f"safe in {safe} at {fuel} of the bound"
 
 
 def measured(rows: pd.DataFrame) -> Measured:
@@ -200,7 +190,7 @@ class Group:
     @property
     def papers(self) -> bool:
         """Whether they are the paper's."""
-        return is_of_paper(self.planners[0])
+        return labels.is_of_paper(self.planners[0])
 
     def question(self, asked: str, papers: str = PAPERS, other: str = "Does {}") -> str:
         """A question that begins with the paper's networks, or with another's name put in."""
@@ -214,9 +204,9 @@ class Group:
 
 def groups(planners: Iterable[str]) -> list[Group]:
     """The networks among some planners: the paper's together, then every other one alone."""
-    networks = [p for p in in_order(planners) if is_network(p)]
-    papers = tuple(filter(is_of_paper, networks))
-    others = [Group((p,)) for p in networks if not is_of_paper(p)]
+    networks = [p for p in labels.in_order(planners) if labels.is_network(p)]
+    papers = tuple(filter(labels.is_of_paper, networks))
+    others = [Group((p,)) for p in networks if not labels.is_of_paper(p)]
     return [Group(papers), *others] if papers else others
 
 
@@ -257,7 +247,9 @@ def rows_of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
 
 def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
     """The trials of networks whose plans can be flown."""
-    return trials[(trials["reading"] != PREDICTED) & trials["planner"].map(is_network).astype(bool)]
+    return trials[
+        (trials["reading"] != PREDICTED) & trials["planner"].map(labels.is_network).astype(bool)
+    ]
 
 
 def network_findings(
@@ -275,7 +267,7 @@ def network_findings(
         mine = here.head(0) if name is None else rows_of(here, name)
         said = verdict_on(*every)
         safe = [one.safe for one in every]
-        low, high = share(min(safe)), share(max(safe))
+        low, high = labels.share(min(safe)), labels.share(max(safe))
         spread = low if low == high else f"{low} to {high}"
         numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
         beside = "" if free.empty else f"Decoupled optimum: {measured(free).text}"

@@ -27,7 +27,7 @@ COUNT_SECONDS = 2.0  # how often the workers are counted
 
 @contextmanager
 def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Iterator["Cluster"]:
-    """The pool of the cluster of a scheduler; ProlearnError where none answers or has workers.
+    """Connect to a Dask scheduler; ProlearnError where none answers or it has no workers.
 
     A scheduler that was there before (``again``) is waited for, so many seconds, and its workers.
     """

@@ -30,7 +30,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
     text = template("pipeline/show/page.html.jinja").render(
         name=name,
         planner=claimed.planner,
-        n=scenario.n,
+        of=scenario,
         verdict=verdict(shown, claimed.status),
         certificate=certificate_rows(shown.plan, claimed.status),
         scenario=scenario_rows(scenario),
@@ -38,9 +38,6 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         spent=list(zip(*filter(None, by_kind), strict=True)),
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
-        collision_radius=scenario.problem.collision_radius,
-        unlike=scenario.sized,
-        corridors=bool(scenario.corridors),
         cone=DRAWN,
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
         motion=motion(shown.plan),

@@ -46,7 +46,7 @@ class Shared:
 
 @contextmanager
 def shared(folder: Folder) -> Iterator[Shared]:
-    """A folder as workers open it, marked for the block: what they do later is in vain.
+    """A folder for workers to open, with a mark in it for the block; without one they refuse.
 
     The mark has the name of an unfinished file, so that readers pass over it, and the next writer
     removes that of a killed one.
