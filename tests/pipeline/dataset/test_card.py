@@ -309,8 +309,9 @@ def test_a_dataset_without_a_plan_has_a_card_that_says_so(tmp_path):
     )
 
 
-def test_the_card_is_the_same_for_any_number_of_workers(carded, monkeypatch):
+def test_the_card_is_the_same_for_any_number_of_workers_and_pieces(carded, monkeypatch):
     alone = (carded / "README.md").read_bytes()
+    monkeypatch.setattr(card, "PIECE", 1)  # each shard by itself
     monkeypatch.setattr(card, "FEW", 0)
     for jobs in (1, 2):
         (carded / "README.md").unlink()
