@@ -7,14 +7,10 @@ Scenarios of rings, one at a time with its certificate, on one core; times are i
 its own, whose memory is counted whole, packages included, and which ends after so much CPU time.
 """
 
-import os
 import resource
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from math import ceil
-from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 from typing import Annotated
@@ -22,11 +18,9 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 import typer
-from threadpoolctl import threadpool_limits
 
-from cli.output import echo
+from benchmarks.tables import limited_process, renew, use_one_core
 from pipeline.expert import EFFORTS, solve
-from pipeline.files import write_text
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.scenario import draw
@@ -62,16 +56,9 @@ def grown(n: int, count: int, effort: str) -> Mapping[str, object]:
     }
 
 
-def _limit(patience: float) -> None:
-    """One thread, and an end by the system after so much CPU time, s."""
-    most = ceil(patience)
-    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
-    threadpool_limits(1)
-
-
 def row(n: int, count: int, effort: str, patience: float) -> Mapping[str, object]:
     """The same by a process of its own; where that ended, it says after how long."""
-    with ProcessPoolExecutor(1, get_context("spawn"), _limit, (patience,)) as pool:
+    with limited_process(patience) as pool:
         try:
             return pool.submit(grown, n, count, effort).result()
         except BrokenProcessPool:
@@ -85,15 +72,10 @@ def main(
     patience: Annotated[float, typer.Option(min=1, help="CPU time of a size, s.")] = PATIENCE,
 ) -> None:
     """Run all and print the table."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    use_one_core()
     made = partial(row, effort=effort, patience=patience)
     rows = [made(n, count) for n, count in SIZES.items() if n <= most]
-    table = pd.DataFrame(rows).fillna("").to_markdown(index=False)
-    echo(*table.splitlines())
-    if page is not None:
-        before, _, after = page.read_text(encoding="utf-8").split(MARK)
-        write_text(page, f"{before}{MARK}\n\n{table}\n\n{MARK}{after}")
+    renew(page, MARK, pd.DataFrame(rows).fillna("").to_markdown(index=False))
 
 
 if __name__ == "__main__":
