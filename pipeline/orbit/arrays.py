@@ -27,6 +27,10 @@ Values = Float[Array, "k"]
 # From k states at intervals' starts, and from the controls there, to positions, as A and B of Eq. 2
 PositionMaps = tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]]
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
+# Numbers of intervals or nodes, counted from a plan's first; they broadcast against times
+Interval = int | Int[Array, "*some"]
+Node = int | Int[Array, "*others"]
+Since = float | Float[Array, "*some"]  # s since an interval's start
 
 
 def mapped(
