@@ -259,9 +259,7 @@ def burn_deviation(
 
 
 def deviation_along(
-    normal: Vectors,
-    maps: PositionMaps,
-    covariance: Float[Array, "k 9 9"],
+    normal: Vectors, maps: PositionMaps, covariance: Float[Array, "k 9 9"]
 ) -> Values:
     """Standard deviation of a relative position along unit vectors, m, by its maps."""
     row = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)

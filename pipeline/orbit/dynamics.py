@@ -7,7 +7,7 @@ from math import factorial
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, Vector
+from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
@@ -32,9 +32,7 @@ class ClohessyWiltshire:
         """Largest angular rate of the reference, rad/s."""
         return self.mean_motion
 
-    def step(
-        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+    def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
         """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
 
         Or from some s ``since`` its start; here the time may also be longer than the interval.

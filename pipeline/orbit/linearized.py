@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, Vector
+from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import (
     COEFFICIENTS,
@@ -78,9 +78,7 @@ class LinearizedDynamics:
         """The reference and the maps in the intervals of a plan."""
         return arcs_of(self.orbit, self.time_step, self.intervals)
 
-    def step(
-        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+    def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
         """As ``ClohessyWiltshire.step``, for times within the interval."""
         A, B = self._from_start(np.asarray(time) + since, interval)
         if np.any(since):
@@ -89,9 +87,7 @@ class LinearizedDynamics:
             B = B - A @ pushed
         return A, B
 
-    def _from_start(
-        self, time: float | Scalar, interval: Interval
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+    def _from_start(self, time: float | Scalar, interval: Interval) -> StepMaps:
         arcs = self._covering(interval)
         pieces = arcs.maps.shape[1]
         along = np.asarray(time) / (2 * arcs.half)

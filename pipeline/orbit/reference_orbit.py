@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
 from pipeline.orbit.forces import (
     Atmosphere,
     atmosphere_near,
@@ -144,16 +145,14 @@ class ReferenceOrbit:
         """The same for a plan that begins some s later."""
         return replace(self, start=self.start + time)
 
-    def ballistics(self, n: int) -> Float[Array, "n"]:
+    def ballistics(self, n: int) -> OfCraft:
         """Ballistic coefficient of each of n craft, m²/kg; zero without drag."""
         if self.ballistic is None:
             return np.zeros(n)
         shares = np.linspace(-1, 1, n) if n > 1 else np.zeros(1)
         return self.ballistic * (1 + self.spread * shares)
 
-    def acceleration(
-        self, states: Float[Array, "*batch 6"], ballistic: Float[Array, "*batch"] | float
-    ) -> Float[Array, "*batch 3"]:
+    def acceleration(self, states: AnyState, ballistic: Scalar | float) -> Vector:
         """By all forces but thrust at inertial states, m/s²; drag with coefficients, m²/kg."""
         position = states[..., :3]
         total = point_mass(position)
@@ -164,7 +163,7 @@ class ReferenceOrbit:
             total += drag(states, held, self.air)
         return total
 
-    def gradient(self, states: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 6"]:
+    def gradient(self, states: AnyState) -> Float[Array, "*batch 3 6"]:
         """Derivative of the acceleration by the state, with the mean coefficient of drag."""
         by_position = gravity_gradient(states[..., :3], j2=self.j2)
         gradient = np.concatenate([by_position, np.zeros_like(by_position)], axis=-1)
@@ -172,12 +171,12 @@ class ReferenceOrbit:
             gradient += drag_gradient(states, self.ballistic, self.air)
         return gradient
 
-    def states(self, times: Float[Array, "k"]) -> Float[Array, "k 6"]:
+    def states(self, times: Values) -> Float[Array, "k 6"]:
         """Inertial states, m and m/s, at times from 0 on, s since the plan's start."""
         ascending, place = np.unique(self.start + times, return_inverse=True)
         return _states(self, tuple(ascending.tolist()))[place]
 
-    def frames(self, times: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch 6"], Frame]:
+    def frames(self, times: Scalar) -> tuple[AnyState, Frame]:
         """Inertial states at such times and the LVLH frames there."""
         origin = self.states(times.ravel()).reshape(*times.shape, 6)
         return origin, lvlh_frame(origin, self.acceleration(origin, self.ballistic or 0.0))
