@@ -9,16 +9,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
-from pipeline.orbit.forces import (
-    Atmosphere,
-    atmosphere_near,
-    drag,
-    drag_gradient,
-    gravity_gradient,
-    oblateness,
-    point_mass,
-)
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
@@ -77,7 +69,7 @@ class ReferenceOrbit:
                 f"from {LOWEST:g} to {HIGHEST:g} m."
             )
         if self.ballistic is not None:
-            atmosphere_near(perigee)  # refuses what is below all layers
+            forces.atmosphere_near(perigee)  # refuses what is below all layers
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
 
     @classmethod
@@ -137,9 +129,9 @@ class ReferenceOrbit:
         return self.mean_motion * (1 + e) ** 0.5 / (1 - e) ** 1.5
 
     @property
-    def air(self) -> Atmosphere:
+    def air(self) -> forces.Atmosphere:
         """The layer of the perigee."""
-        return atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
+        return forces.atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
 
     def later(self, time: float) -> "ReferenceOrbit":
         """The same for a plan that begins some s later."""
@@ -155,20 +147,20 @@ class ReferenceOrbit:
     def acceleration(self, states: AnyState, ballistic: Scalar | float) -> Vector:
         """By all forces but thrust at inertial states, m/s²; drag with coefficients, m²/kg."""
         position = states[..., :3]
-        total = point_mass(position)
+        total = forces.point_mass(position)
         if self.j2:
-            total += oblateness(position)
+            total += forces.oblateness(position)
         if self.ballistic is not None:
             held = np.broadcast_to(ballistic, position.shape[:-1])
-            total += drag(states, held, self.air)
+            total += forces.drag(states, held, self.air)
         return total
 
     def gradient(self, states: AnyState) -> Float[Array, "*batch 3 6"]:
         """Derivative of the acceleration by the state, with the mean coefficient of drag."""
-        by_position = gravity_gradient(states[..., :3], j2=self.j2)
+        by_position = forces.gravity_gradient(states[..., :3], j2=self.j2)
         gradient = np.concatenate([by_position, np.zeros_like(by_position)], axis=-1)
         if self.ballistic is not None:
-            gradient += drag_gradient(states, self.ballistic, self.air)
+            gradient += forces.drag_gradient(states, self.ballistic, self.air)
         return gradient
 
     def states(self, times: Values) -> Float[Array, "k 6"]:
