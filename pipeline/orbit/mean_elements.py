@@ -103,8 +103,7 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
     columns = np.cross(angle[..., None, :], np.eye(3)).mT
     # sin θ/θ and (1 - cos θ)/θ², regular at 0
     first, second = np.sinc(size / np.pi), np.sinc(size / (2 * np.pi)) ** 2 / 2
-    turned: Float[Array, "n 3 3"] = np.eye(3) + first * columns + second * columns @ columns
-    return turned
+    return np.asarray(np.eye(3) + first * columns + second * columns @ columns)
 
 
 def osculating_states(mean: Formation) -> Formation:

@@ -43,10 +43,8 @@ def flown_arcs(
 ) -> Float[Array, "n K M q 6"]:
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
-    The first control is that of an interval of the plan.
-
-    Raises:
-        ProlearnError: where craft are so far from the reference that it does not converge.
+    The first control is that of an interval of the plan. ProlearnError where craft are so far from
+    the reference that it does not converge.
     """
     arcs, orbit, count = dynamics.arcs, dynamics.orbit, controls.shape[1]
     pieces = arcs.maps.shape[1]
@@ -150,8 +148,7 @@ def flown_between(
     piece = np.clip(along.astype(int), 0, pieces - 1)
     weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
     each = np.arange(len(time))[:, None]
-    found: Float[Array, "n K t 6"] = np.einsum("ktq,nktqs->nkts", weights, arcs[:, each, piece])
-    return found
+    return np.asarray(np.einsum("ktq,nktqs->nkts", weights, arcs[:, each, piece]))
 
 
 def _dynamics(problem: Problem) -> LinearizedDynamics:

@@ -198,5 +198,4 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
     )
     if not solved.success:
         raise ProlearnError(f"the reference could not be flown {times[-1]:g} s: {solved.message}")
-    states: Float[Array, "k 6"] = solved.y.T
-    return states
+    return np.asarray(solved.y.T)
