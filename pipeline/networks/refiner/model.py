@@ -30,14 +30,7 @@ from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import geometry, programs
-from pipeline.networks.refiner.arrays import (
-    cast,
-    constant,
-    rows,
-    self_adjoint,
-    sigmoid,
-    with_rows,
-)
+from pipeline.networks.refiner.arrays import cast, constant, rows, self_adjoint, sigmoid, with_rows
 from pipeline.orbit.problem import Problem
 
 PLANE_DISTANCE = 1.3  # in r_col, within which pairs that turn from coming closer get a plane

@@ -20,6 +20,7 @@ from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import on_board
 from pipeline.networks.refiner.model import problem_data, run_round, start
 from pipeline.networks.refiner.refiner import MessagePassing
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder
@@ -46,7 +47,7 @@ and the place there."""
 
 
 def fly_rounds(
-    run: Run, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], r_col: float, *, rounds: int
+    run: Run, initial: Formation, goal: Formation, r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
     """Run all craft of a swarm: their controls, m/s², before and after each round."""
     swarm: list[AgentMemory] = [
@@ -181,10 +182,7 @@ def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Disc
 
 
 def together(
-    network: MessagePassing,
-    problem: Problem,
-    initial: Float[Array, "n 6"],
-    goal: Float[Array, "n 6"],
+    network: MessagePassing, problem: Problem, initial: Formation, goal: Formation
 ) -> Float[Array, "_ n m"]:
     """Controls before and after each round of the whole swarm at once, m/s²."""
     radius = np.array([problem.collision_radius])
