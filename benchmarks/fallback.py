@@ -17,15 +17,13 @@ from time import process_time
 from typing import Annotated
 
 import numpy as np
-import torch
 import typer
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from benchmarks.tables import Row, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
-from pipeline.networks.model import load
-from pipeline.networks.refiner.model import FOLDER, TrainedRefiner, packaged
+from pipeline.networks.refiner.model import TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -53,17 +51,11 @@ Plans = Callable[[Sequence[Scenario]], list[Plan]]
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder for fallback.json.")] = Path("reports/bench"),
-    model: Annotated[
-        Path | None, typer.Option(help="Folder of a refiner; the packaged one by default.")
-    ] = None,
-    split: Annotated[str, typer.Option(help="Of the scenarios.")] = "test",
 ) -> None:
     """Run all and print the tables."""
-    flown = NetworkPlanner(packaged() if model is None else load(model), "network")
-    rounds = load(model or FOLDER).config["rounds"]
-    torch.set_num_threads(1)
+    flown = NetworkPlanner(packaged(), "network")
     with threadpool_limits(1):
-        compared = [_compared(flown, rounds, *count, split) for count in COUNTS]
+        compared = [_compared(flown, *count) for count in COUNTS]
     rows = [row for some in compared for row in some]
     show("From the network to the expert", rows)
     grids = [_grid(flown, grid) for grid in track(GRIDS, "other time grids")]
@@ -79,15 +71,13 @@ def rule(rounds: int, requirements: Requirements = AT_ALL_TIMES) -> NetworkPlann
     return NetworkPlanner(TrainedRefiner(None, rounds, Problem(), ""), "rule", requirements)
 
 
-def _compared(
-    flown: NetworkPlanner, rounds: int, family: str, n: int, count: int, split: str
-) -> list[Row]:
-    scenarios = [draw(family, 0, n, k, Problem(), split) for k in range(count)]
+def _compared(flown: NetworkPlanner, family: str, n: int, count: int) -> list[Row]:
+    scenarios = [draw(family, 0, n, k, Problem(), "test") for k in range(count)]
     own = next(baseline for baseline in BASELINES if baseline.name == "decoupled optimum")
     planners: dict[str, Plans] = {
         "network answers": lambda some: _answer(flown, some),
         "decoupled optima": own.plan,
-        "rule, no learning": rule(rounds).plan,
+        "rule, no learning": rule(packaged().rounds).plan,
         "network": flown.plan,
         "network + one solve": lambda some: _one_solve(flown, some),
         "fallback": FallbackPlanner(flown).plan,

@@ -7,14 +7,9 @@ Scenarios of rings, one at a time with its certificate, on one core; times are i
 its own, whose memory is counted whole, packages included, and which ends after so much CPU time.
 """
 
-import os
 import resource
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
-from math import ceil
-from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 from typing import Annotated
@@ -22,11 +17,9 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 import typer
-from threadpoolctl import threadpool_limits
 
-from cli.output import echo
-from pipeline.expert import EFFORTS, solve
-from pipeline.files import write_text
+from benchmarks.tables import limited_process, renew, use_one_core
+from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.scenario import draw
@@ -39,14 +32,14 @@ SIZES = {10: 40, 30: 20, 100: 8, 300: 4, 1000: 2, 3000: 1, 10_000: 1}
 PATIENCE = 600.0  # CPU time that a size has, drawing included, s
 
 
-def grown(n: int, count: int, effort: str) -> Mapping[str, object]:
+def grown(n: int, count: int) -> Mapping[str, object]:
     """A row of the table: so many scenarios of n craft, planned one by one."""
     scenarios = [draw("rings", SEED, n, index, Problem()) for index in range(count)]
     solve(draw("rings", SEED, 2, 0, Problem()))  # what is imported or tabled once is not counted
     plans, seconds = [], []
     for scenario in scenarios:
         started = process_time()
-        plans.append(solve(scenario, settings=EFFORTS[effort]))
+        plans.append(solve(scenario))
         seconds.append(process_time() - started)
     gaps = [plan.certificate.optimality_gap for plan in plans]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -62,18 +55,11 @@ def grown(n: int, count: int, effort: str) -> Mapping[str, object]:
     }
 
 
-def _limit(patience: float) -> None:
-    """One thread, and an end by the system after so much CPU time, s."""
-    most = ceil(patience)
-    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
-    threadpool_limits(1)
-
-
-def row(n: int, count: int, effort: str, patience: float) -> Mapping[str, object]:
+def row(n: int, count: int, patience: float) -> Mapping[str, object]:
     """The same by a process of its own; where that ended, it says after how long."""
-    with ProcessPoolExecutor(1, get_context("spawn"), _limit, (patience,)) as pool:
+    with limited_process(patience) as pool:
         try:
-            return pool.submit(grown, n, count, effort).result()
+            return pool.submit(grown, n, count).result()
         except BrokenProcessPool:
             return {"craft": n, "scenarios": count, "time, ms": f"no plan in {patience:g} s"}
 
@@ -81,19 +67,12 @@ def row(n: int, count: int, effort: str, patience: float) -> Mapping[str, object
 def main(
     page: Annotated[Path | None, typer.Option(help="Page whose table is made anew.")] = None,
     most: Annotated[int, typer.Option(help="Craft of the largest swarm.")] = max(SIZES),
-    effort: Annotated[str, typer.Option(help="Of the expert.")] = "default",
     patience: Annotated[float, typer.Option(min=1, help="CPU time of a size, s.")] = PATIENCE,
 ) -> None:
     """Run all and print the table."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    made = partial(row, effort=effort, patience=patience)
-    rows = [made(n, count) for n, count in SIZES.items() if n <= most]
-    table = pd.DataFrame(rows).fillna("").to_markdown(index=False)
-    echo(*table.splitlines())
-    if page is not None:
-        before, _, after = page.read_text(encoding="utf-8").split(MARK)
-        write_text(page, f"{before}{MARK}\n\n{table}\n\n{MARK}{after}")
+    use_one_core()
+    rows = [row(n, count, patience) for n, count in SIZES.items() if n <= most]
+    renew(page, MARK, pd.DataFrame(rows).fillna("").to_markdown(index=False))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,18 @@
-"""Results of benchmarks as tables on the screen and as JSON files."""
+"""What benchmarks share: tables on the screen, in JSON files and on pages, and limits of time."""
 
 import json
+import os
+import resource
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from math import ceil
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from cli.output import echo
 from pipeline.arrays import Array
@@ -42,3 +48,28 @@ def quality(plans: Sequence[Plan]) -> Row:
         "node_collisions": float(np.mean([c.node_collisions for c in certificates])),
         "fuel/bound": f"{np.mean(ratio):.5f}",
     }
+
+
+def renew(page: Path | None, mark: str, text: str) -> None:
+    """Print a text, and put it between the two marks of a page where one is given."""
+    echo(*text.splitlines())
+    if page is not None:
+        before, _, after = page.read_text(encoding="utf-8").split(mark)
+        write_text(page, f"{before}{mark}\n\n{text}\n\n{mark}{after}")
+
+
+def use_one_core() -> None:
+    """Keep this process and its children on one core, where the system can."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+def limited_process(patience: float) -> ProcessPoolExecutor:
+    """A process with one thread, which the system ends after so much CPU time, s."""
+    return ProcessPoolExecutor(1, get_context("spawn"), _limit, (patience,))
+
+
+def _limit(patience: float) -> None:
+    most = ceil(patience)
+    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
+    threadpool_limits(1)

@@ -9,17 +9,13 @@ and a sentence says what to install: dccp, openscvx==0.5.2, bsk==2.12.1. What is
 plans in a process of its own, which ends after so many seconds of CPU time a swarm.
 """
 
-import os
 import resource
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from math import ceil
-from multiprocessing import get_context
 from pathlib import Path
 from platform import python_version
 from time import process_time
@@ -33,10 +29,10 @@ from threadpoolctl import threadpool_limits
 from benchmarks.basilisk import reconfiguration
 from benchmarks.peers import by_dccp, by_openscvx, by_plain_scp, by_repair
 from benchmarks.rendezvous import CHIEF, STEP, optima
+from benchmarks.tables import limited_process, renew, use_one_core
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import solve
-from pipeline.files import write_text
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
@@ -279,8 +275,7 @@ class Planning:
     def __init__(self, peer: Peer, patience: float) -> None:
         self.peer, self.made = peer, list[tuple[Verdict, float]]()
         self.over: float | None = None  # CPU time after which the process ended, s
-        spawn = get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, spawn, _limit, (patience,)) if peer.foreign else None
+        self._pool = limited_process(patience) if peer.foreign else None
 
     def plan(self, scenario: Scenario) -> None:
         """Have a scenario planned and judged, unless the process has ended."""
@@ -299,13 +294,6 @@ class Planning:
                 return
         none = Verdict(False, np.nan, 0.0, 0.0)
         self.made.append((none if controls is None else judged(scenario, controls), seconds))
-
-
-def _limit(patience: float) -> None:
-    """Limit a process to one thread and so much CPU time, s."""
-    most = ceil(patience)
-    resource.setrlimit(resource.RLIMIT_CPU, (most, most))
-    threadpool_limits(1)
 
 
 def _planned(peer: Peer, scenario: Scenario) -> tuple[Controls | None, float]:
@@ -394,8 +382,7 @@ def main(
     ] = PATIENCE,
 ) -> None:
     """Run all that is installed and print the tables."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    use_one_core()
     cases = []
     with threadpool_limits(1):
         for case in CASES:
@@ -405,11 +392,7 @@ def main(
                 echo(f"{case.name} is left out: {missing}")
         swarms = [row for swarm in SWARMS for row in swarm_rows(swarm, patience=patience)]
     tables = [pd.DataFrame(rows).to_markdown(index=False) for rows in (cases, swarms)]
-    text = "\n\n".join([*tables, _versions()])
-    echo(text)
-    if page is not None:
-        before, _, after = page.read_text(encoding="utf-8").split(MARK)
-        write_text(page, f"{before}{MARK}\n\n{text}\n\n{MARK}{after}")
+    renew(page, MARK, "\n\n".join([*tables, _versions()]))
 
 
 if __name__ == "__main__":

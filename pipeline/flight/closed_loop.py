@@ -30,6 +30,7 @@ from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter
 from pipeline.flight.last_interval import LastInterval
 from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, pairs, side_by_side
+from pipeline.orbit.arrays import Controls, Indices, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import last_control
 from pipeline.orbit.participants import Obstacle
@@ -68,7 +69,7 @@ class ClosedLoop:
     def __init__(
         self,
         scenario: Scenario,
-        controls: Float[Array, "n intervals 3"],
+        controls: Controls,
         planner: Planner,
         trials: int,
         back_off: BackOff | None = None,
@@ -162,7 +163,7 @@ class ClosedLoop:
         self,
         choice: "Choice",
         node: int,
-        which: Int[Array, "k"],
+        which: Indices,
         starts: Sequence[Scenario],
         planner: Planner,
     ) -> None:
@@ -185,7 +186,7 @@ class ClosedLoop:
         left = choice.open[which]
         choice.offer(which[left], list(compress(plans, left)), radius)
 
-    def _spent(self, node: int, which: Int[Array, "k"], plans: Sequence[Plan]) -> None:
+    def _spent(self, node: int, which: Indices, plans: Sequence[Plan]) -> None:
         """Count the time that plans took."""
         for k, plan in zip(which, plans, strict=True):
             stages = ("plan", "certificate")
@@ -317,11 +318,7 @@ class Choice:
         self._to_goal = np.abs(under_way).max(axis=(1, 2, 3)) <= problem.most_control
 
     def offer(
-        self,
-        which: Int[Array, "k"],
-        plans: Sequence[Plan],
-        radius: float,
-        margin: Margin | None = None,
+        self, which: Indices, plans: Sequence[Plan], radius: float, margin: Margin | None = None
     ) -> None:
         """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
 
@@ -369,25 +366,21 @@ class Choice:
         limit = self.problem.max_acceleration
         return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
 
-    def _shortfall(
-        self, margin: Margin, which: Int[Array, "k"], controls: SomeControls
-    ) -> Float[Array, "k"]:
+    def _shortfall(self, margin: Margin, which: Indices, controls: SomeControls) -> Values:
         """How much of a margin trials lack at most on some controls, m."""
         flown, swarms = self._flown(which, controls)
         asked = self.problem, margin.requirements, margin.back_off
         return back_off_shortfall(flown, *asked, swarms)
 
     def _flown(
-        self, which: Int[Array, "k"] | slice, controls: SomeControls
+        self, which: Indices | slice, controls: SomeControls
     ) -> tuple[Trajectory, SwarmPartition]:
         """Motion of trials' craft from the estimate, and which of them belong together."""
         trials, n, intervals, _ = controls.shape
         initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
         return Trajectory(flat, _nodes(initial, flat, self.problem)), side_by_side((n,) * trials)
 
-    def _separation(
-        self, which: Int[Array, "k"] | slice, controls: SomeControls
-    ) -> Float[Array, "k"]:
+    def _separation(self, which: Indices | slice, controls: SomeControls) -> Values:
         (trials, n), (flown, swarms) = controls.shape[:2], self._flown(which, controls)
         states, flat = flown.states, flown.controls
         if self._requirements.at_nodes:

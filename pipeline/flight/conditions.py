@@ -42,11 +42,7 @@ class Conditions:
         )
 
     def orbit(self, problem: Problem) -> ReferenceOrbit:
-        """The reference orbit of these conditions, of a problem's mean motion.
-
-        Raises:
-            InputError: where it is too low for the model of the air.
-        """
+        """That of a problem's mean motion; InputError where it is too low for the model of air."""
         return self.sized(radius_at(problem.mean_motion))
 
     def sized(self, semi_major_axis: float) -> ReferenceOrbit:

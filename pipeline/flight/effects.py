@@ -68,10 +68,8 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     Effects are added in this order: curvature, two bodies on a circular orbit instead of the
     linear model; eccentricity; J2; drag. What each adds depends on the order by products of two
     effects, which are small. Those that the conditions lack are left out. Of a scenario with a
-    reference orbit of its own, all that the linear model leaves out is curvature.
-
-    Raises:
-        InputError: where the controls lead too far away, or for conditions without a world.
+    reference orbit of its own, all that the linear model leaves out is curvature. InputError where
+    the controls lead too far away, or for conditions without a world.
     """
     problem, goal = scenario.problem, scenario.goal
     refuse_distance(scenario, controls)
@@ -144,7 +142,12 @@ def flight_report(
         used = float(spent(plan.controls, problem.thrust, limits).sum())
     drift = None if orbits is None else _passive_safety(plan, conditions, last.states, orbits)
     collisions = _node_collisions(plan.scenario, last) if plan.separation == "nodes" else None
-    safe = _is_apart(last, problem.collision_radius) if collisions is None else collisions == 0
+    if collisions is not None:
+        safe = collisions == 0
+    elif last.clearance is not None:
+        safe = last.clearance.min_clearance_bound > 0
+    else:
+        safe = last.nearest.bound > problem.collision_radius
     safe &= last.corridor is None or last.corridor.min_margin_bound > 0
     safe &= drift is None or is_passively_safe(drift, problem.collision_radius)
     return {
@@ -172,13 +175,6 @@ def flight_report(
             for one in found
         ],
     }
-
-
-def _is_apart(last: Effect, radius: float) -> bool:
-    """Whether no pair comes too close at any time."""
-    if last.clearance is not None:
-        return last.clearance.min_clearance_bound > 0
-    return last.nearest.bound > radius
 
 
 def _node_collisions(scenario: Scenario, last: Effect) -> int:

@@ -10,13 +10,7 @@ from scipy.special import ndtri
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_range
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.covariance import (
-    MOST,
-    NO_BURN,
-    Uncertainty,
-    correlation_root,
-    navigation_roots,
-)
+from pipeline.orbit.covariance import MOST, NO_BURN, Uncertainty, correlation_root, navigation_roots
 from pipeline.orbit.problem import Problem
 from pipeline.scenario.families import SEEDS
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches, side_by_side
-from pipeline.orbit.arrays import Indices, Values, Vectors
+from pipeline.orbit.arrays import Formation, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty, burn_deviation, standard_deviation
 from pipeline.orbit.problem import Problem
@@ -32,7 +32,7 @@ class LastInterval:
     problem: Problem  # that begins with it
     estimate: Float[Array, "K n 6"]  # states at its start, m and m/s
     covariance: Float[Array, "K n 6 6"]  # of their errors
-    goal: Float[Array, "n 6"]  # m and m/s
+    goal: Formation  # m and m/s
     uncertainty: Uncertainty  # of burns
     sigmas: float  # standard deviations of a separation to be kept beyond the collision radius
     adrift: Bool[Array, "K n"]  # craft that have no thrust

@@ -74,10 +74,8 @@ def flight_loops(
     """The open loop of a plan, on request with feedback, and with a planner two more.
 
     The last one keeps so many standard deviations of ``errors`` beyond the collision radius.
-
-    Raises:
-        InputError: where a craft may be lost and there are no others, or obstacles, or the planner
-            does not plan for the others alone.
+    InputError where a craft may be lost and there are no others, or obstacles, or the planner does
+    not plan for the others alone.
     """
     scenario = plan.scenario
     if errors.lost > 0:
@@ -119,8 +117,7 @@ def fly_loops(
 ) -> dict[str, Trials]:
     """Fly each loop so many times, by the loop's name; all trials are in memory.
 
-    Raises:
-        InputError: for no trials, more than MOST_TRIALS, or a seed that is none.
+    InputError for no trials, more than MOST_TRIALS, or a seed that is none.
     """
     check_range("trials", trials, 1, MOST_TRIALS)
     check_seed(seed)
@@ -134,10 +131,9 @@ def fly_loops(
 
 
 def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
-    """Refuse what guidance does not keep: a risk of other guidance, or other limits of thrust.
+    """Refuse plans with what guidance does not keep with an InputError.
 
-    Raises:
-        InputError: where the plan was asked for one, or has limits of thrust or sizes of its own.
+    A risk of other guidance, and limits of thrust or sizes of its own.
     """
     if plan.scenario.unlike:
         raise InputError(

@@ -153,10 +153,9 @@ def fly_all(
 ) -> dict[str, Trials]:
     """Fly the trials of each loop that are not flown yet, and return all, by the loop's name.
 
-    Raises:
-        InputError: for no trials, where another process writes to the folder, or where it was
-            begun with other settings or versions.
-        ProlearnError: where the folder cannot be written to or workers are killed again and again.
+    InputError for no trials, where another process writes to the folder, or where it was begun
+    with other settings or versions. ProlearnError where the folder cannot be written to or workers
+    are killed again and again.
     """
     check_range("trials", trials, 1, MOST_TRIALS)
     folder, workers = open_folder(where), workers or Workers()

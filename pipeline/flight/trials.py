@@ -9,6 +9,7 @@ from pipeline.arrays import Array, Bool, Float, Int, plain
 from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.errors import Draws, Errors, Loss, burns_made, lost_thrust, navigation_errors
 from pipeline.flight.world import World
+from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import feedback_gains
 from pipeline.orbit.nearest import nearer, nearest
@@ -32,14 +33,12 @@ Guidance = Callable[[int, Float[Array, "K n 6"]], Float[Array, "K n 3"]]
 estimated states there, m and m/s; called for each node once, in order."""
 
 
-def open_loop(controls: Float[Array, "n intervals 3"]) -> Guidance:
+def open_loop(controls: Controls) -> Guidance:
     """Guidance that flies a plan's controls, m/s², whatever the estimate."""
     return lambda node, estimate: np.broadcast_to(controls[:, node], (*estimate.shape[:2], 3))
 
 
-def feedback(
-    controls: Float[Array, "n intervals 3"], states: Float[Array, "n T 6"], problem: Problem
-) -> Guidance:
+def feedback(controls: Controls, states: States, problem: Problem) -> Guidance:
     """Guidance that corrects a plan's controls, m/s², for what is off its states, m and m/s.
 
     By ``pipeline.orbit.feedback``, and within the thrust limit.

@@ -10,21 +10,19 @@ from torch import Tensor
 from pipeline.arrays import Array, Float
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import check_choice
+from pipeline.orbit.arrays import AnyState, AnyStates
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 
-Ends = Float[Array, "*batch 6"]
-Trajectories = Float[Array, "*batch T 6"]
 
-
-def _ends_alone(initial: Ends, goal: Ends, problem: Problem) -> Trajectories:
+def _ends_alone(initial: AnyState, goal: AnyState, problem: Problem) -> AnyStates:
     """Trajectories that are zero between the first and the last state."""
     states = np.zeros((*initial.shape[:-1], problem.nodes, 6))
     states[..., 0, :], states[..., -1, :] = initial, goal
     return states
 
 
-INTERIORS: dict[str, Callable[[Ends, Ends, Problem], Trajectories]] = {
+INTERIORS: dict[str, Callable[[AnyState, AnyState, Problem], AnyStates]] = {
     "line": lambda initial, goal, problem: straight_line(initial, goal, problem.nodes),
     "zeros": _ends_alone,
     "minimum-energy": lambda initial, goal, problem: fly(

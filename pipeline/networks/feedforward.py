@@ -72,8 +72,7 @@ class FeedForward(Layered):
 
 
 def _answer(network: nn.Module, inputs: Float[Tensor, "b n T 6"]) -> Float[Tensor, "b n T 6"]:
-    output: Tensor = network(inputs.flatten(1))  # (b, 6nT)
-    return output.reshape(inputs.shape)
+    return network(inputs.flatten(1)).reshape(inputs.shape)  # of (b, 6nT)
 
 
 def _average(

@@ -33,8 +33,7 @@ class Columns(nn.Module):
         for layer in self.layers:
             hidden, _ = layer(hidden)  # (b, nT, width)
             hidden = self.dropout(hidden)
-        output: Tensor = self.head(hidden)
-        return output
+        return self.head(hidden)
 
 
 @dataclass(frozen=True)
@@ -51,8 +50,7 @@ class Lstm(Layered):
         self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
     ) -> Float[Tensor, "b n T 6"]:
         """The answer for n craft: a sequence of nT columns, whatever n is."""
-        output: Tensor = network(inputs.flatten(1, 2))  # (b, nT, 6)
-        return output.reshape(inputs.shape)
+        return network(inputs.flatten(1, 2)).reshape(inputs.shape)  # of (b, nT, 6)
 
 
 LSTM1 = Lstm((180,))

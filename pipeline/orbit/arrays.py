@@ -14,6 +14,7 @@ from pipeline.arrays import Array, Bool, Float, Int
 Formation = Float[Array, "n 6"]
 States = Float[Array, "n T 6"]
 Controls = Float[Array, "n intervals 3"]
+OfCraft = Float[Array, "n"]  # a value of each of n craft
 Marked = Bool[Array, "n"]  # some of n craft
 
 AnyState = Float[Array, "*batch 6"]
@@ -26,7 +27,12 @@ Indices = Int[Array, "k"]
 Values = Float[Array, "k"]
 # From k states at intervals' starts, and from the controls there, to positions, as A and B of Eq. 2
 PositionMaps = tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]]
+StepMaps = tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]  # A and B of Eq. 2
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
+# Numbers of intervals or nodes, counted from a plan's first; they broadcast against times
+Interval = int | Int[Array, "*some"]
+Node = int | Int[Array, "*others"]
+Since = float | Float[Array, "*some"]  # s since an interval's start
 
 
 def mapped(

@@ -189,11 +189,7 @@ class Margins(Rows):
 
 
 def margins(
-    states: States,
-    controls: Controls,
-    problem: Problem,
-    faces: Faces,
-    moved: Marked | None = None,
+    states: States, controls: Controls, problem: Problem, faces: Faces, moved: Marked | None = None
 ) -> Margins:
     """How far craft stay inside of each face, in each interval in which they have to."""
     h = problem.time_step

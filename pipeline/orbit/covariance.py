@@ -175,8 +175,7 @@ def _joint(one: Float[Array, "6 6"], other: Float[Array, "6 6"]) -> Float[Array,
     if not other.any():
         return one
     values, vectors = np.linalg.eigh(one @ one.T + other @ other.T)
-    found: Float[Array, "6 6"] = vectors * np.sqrt(np.maximum(values, 0.0))
-    return found
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def correlation_root(uncertainty: Uncertainty, problem: Problem) -> Float[Array, "m m"]:
@@ -259,9 +258,7 @@ def burn_deviation(
 
 
 def deviation_along(
-    normal: Vectors,
-    maps: PositionMaps,
-    covariance: Float[Array, "k 9 9"],
+    normal: Vectors, maps: PositionMaps, covariance: Float[Array, "k 9 9"]
 ) -> Values:
     """Standard deviation of a relative position along unit vectors, m, by its maps."""
     row = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)

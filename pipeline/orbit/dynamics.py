@@ -1,16 +1,15 @@
-"""Linear relative motion by intervals, and the Clohessy-Wiltshire equations about a circle."""
+"""Linear relative motion by intervals: the Clohessy-Wiltshire equations, or about any orbit."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, Int
-from pipeline.orbit.arrays import AnyState, Scalar, Vector
+from pipeline.arrays import Array, Float
+from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
 
 TINY = 1e-20  # angle, rad, in place of 0 where an angle divides its sine
@@ -18,97 +17,48 @@ SERIES_BELOW = 0.5  # angle in rad under which θ - sin θ is taken from its ser
 SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(7)]  # of (θ - sin θ) / θ³ in θ²
 
 
-Interval = int | Int[Array, "*some"]
-"""Numbers of intervals or nodes, counted from a plan's first; they broadcast against times."""
-Node = int | Int[Array, "*others"]
-Since = float | Float[Array, "*some"]
-
-
-@runtime_checkable
-class Dynamics(Hashable, Protocol):
-    """Linear motion relative to a reference orbit, in intervals of constant control.
+@dataclass(frozen=True)
+class ClohessyWiltshire:
+    """Motion relative to a point on a circular orbit (Eq. 1), the same in all intervals.
 
     States x y z vx vy vz in m and m/s, controls in m/s², of a craft or differences of two.
     """
-
-    @property
-    def time_step(self) -> float:
-        """Length of an interval, s."""
-
-    @property
-    def fastest(self) -> float:
-        """Largest angular rate of the reference, rad/s."""
-
-    def step(
-        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
-        """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
-
-        Or from some s ``since`` its start.
-        """
-
-    def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
-        """A from one node to another, without control; intervals may lie beyond the plan's."""
-
-    def most_acceleration(
-        self, start: AnyState, control: Vector, time: float, interval: Interval
-    ) -> Scalar:
-        """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²."""
-
-    def most_fourth_derivative(
-        self,
-        start: AnyState,
-        control: Vector,
-        interval: Interval,
-        since: Since = 0.0,
-    ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴: the error of a cubic interpolant.
-
-        Of states some s ``since`` its start.
-        """
-
-
-@dataclass(frozen=True)
-class ClohessyWiltshire:
-    """Motion relative to a point on a circular orbit (Eq. 1), the same in all intervals."""
 
     mean_motion: float  # e, rad/s
     time_step: float  # length of an interval, s
 
     @property
     def fastest(self) -> float:
-        """As ``Dynamics.fastest``."""
+        """Largest angular rate of the reference, rad/s."""
         return self.mean_motion
 
-    def step(
-        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
-        """As ``Dynamics.step``; the time may also be longer than the interval."""
+    def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
+        """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
+
+        Or from some s ``since`` its start; here the time may also be longer than the interval.
+        """
         return cw_matrices(self.mean_motion, time)
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
-        """As ``Dynamics.drift``."""
+        """A from one node to another, without control; intervals may lie beyond the plan's."""
         return self.step(self.time_step * (np.asarray(last) - first))[0]
 
     def most_acceleration(
         self, start: AnyState, control: Vector, time: float, interval: Interval = 0
     ) -> Scalar:
-        """As ``Dynamics.most_acceleration``, with ÿ = u - 2e ẋ."""
+        """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²; by ÿ = u - 2e ẋ."""
         e = self.mean_motion
         in_plane, cross = self._amplitudes(start, control)
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
         return np.sqrt(in_plane**2 + cross**2 + along**2)
 
     def most_fourth_derivative(
-        self,
-        start: AnyState,
-        control: Vector,
-        interval: Interval = 0,
-        since: Since = 0.0,
+        self, start: AnyState, control: Vector, interval: Interval = 0, since: Since = 0.0
     ) -> Scalar:
-        """As ``Dynamics.most_fourth_derivative``, at all times.
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴: the error of a cubic interpolant.
 
-        x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
+        Of states some s ``since`` its start; here at all times: x⁗ = -e² ẍ, z⁗ = -e² z̈, and
+        ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
         """
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
@@ -119,6 +69,9 @@ class ClohessyWiltshire:
         radial = 3 * e**2 * start[..., 0] + 2 * e * start[..., 4] + control[..., 0]
         in_plane = np.hypot(radial, 2 * control[..., 1] - e * start[..., 3])
         return in_plane, np.hypot(control[..., 2] - e**2 * start[..., 2], e * start[..., 5])
+
+
+Dynamics = ClohessyWiltshire | LinearizedDynamics  # with the same methods
 
 
 def cw_matrices(

@@ -41,8 +41,7 @@ def last_control(problem: Problem) -> Float[Array, "3 6"]:
     """To the control of the last interval, m/s², that comes nearest to a change of the end."""
     _, B = problem.dynamics.step(problem.time_step, problem.intervals - 1)
     weight = state_weight(problem)
-    nearest: Float[Array, "3 6"] = np.linalg.pinv(weight[:, None] * B) * weight
-    return nearest
+    return np.asarray(np.linalg.pinv(weight[:, None] * B) * weight)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Array, ArrayOrNumber, Float
 from pipeline.errors import InputError
+from pipeline.orbit.arrays import AnyState, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 
@@ -56,7 +57,7 @@ def atmosphere_near(height: float) -> Atmosphere:
     return Atmosphere(*below[-1])
 
 
-def gravity_gradient(position: Float[Array, "*batch 3"], *, j2: bool) -> Float[Array, "*batch 3 3"]:
+def gravity_gradient(position: Vector, *, j2: bool) -> Float[Array, "*batch 3 3"]:
     """Derivative of the attraction by the position, 1/s²: of a point mass and, perhaps, of J2."""
     r, unit = norm(position)[..., None, None], np.eye(3)
     outer = position[..., :, None] * position[..., None, :]
@@ -73,12 +74,12 @@ def gravity_gradient(position: Float[Array, "*batch 3"], *, j2: bool) -> Float[A
     return gradient
 
 
-def point_mass(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+def point_mass(position: Vector) -> Vector:
     """Attraction of the Earth as a point, -μ r/r³, m/s²."""
     return -MU_EARTH / norm(position)[..., None] ** 3 * position
 
 
-def oblateness(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+def oblateness(position: Vector) -> Vector:
     """What J2 adds to it, m/s² (Curtis, "Orbital Mechanics for Engineering Students", ch. 10).
 
     -(3/2) J2 μ R²/r⁵ ((1 - 5 z²/r²) x, (1 - 5 z²/r²) y, (3 - 5 z²/r²) z), with z towards the
@@ -86,14 +87,12 @@ def oblateness(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
     """
     square = np.vecdot(position, position)[..., None]
     pull = -1.5 * J2 * MU_EARTH * R_EARTH**2 / square**2.5
-    added: Float[Array, "*batch 3"] = pull * (1 - 5 * position[..., 2:] ** 2 / square) * position
+    added: Vector = pull * (1 - 5 * position[..., 2:] ** 2 / square) * position
     added[..., 2:] += 2 * pull * position[..., 2:]
     return added
 
 
-def drag(
-    states: Float[Array, "*batch 6"], ballistic: Float[Array, "*batch"], air: Atmosphere
-) -> Float[Array, "*batch 3"]:
+def drag(states: AnyState, ballistic: Scalar, air: Atmosphere) -> Vector:
     """Drag, -½ ρ B |v| v with v against the turning air, m/s².
 
     States are inertial, m and m/s, B = C_D A/m is the ballistic coefficient, m²/kg; the air's
@@ -105,7 +104,7 @@ def drag(
 
 
 def drag_gradient(
-    states: Float[Array, "*batch 6"], ballistic: float, air: Atmosphere
+    states: AnyState, ballistic: float, air: Atmosphere
 ) -> Float[Array, "*batch 3 6"]:
     """Derivative of ``drag`` by the state, 1/s² by the position and 1/s by the velocity."""
     position, velocity = states[..., :3], _through_air(states)
@@ -121,5 +120,5 @@ def drag_gradient(
 _AIR_TURNS = np.array([[0.0, EARTH_RATE, 0.0], [-EARTH_RATE, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 
-def _through_air(states: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3"]:
+def _through_air(states: AnyState) -> Vector:
     return states[..., 3:] + states[..., :3] @ _AIR_TURNS.T

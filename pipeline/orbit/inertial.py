@@ -31,10 +31,8 @@ class Elements:
         e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Where the orbit is equatorial within
         rounding there is no ascending node, and Ω is 0; where it is a circle within rounding there
         is no perigee, and ω is 0. Near these Ω and ω are sensitive to the state, but u is counted
-        from the same node, and all elements together give the state back.
-
-        Raises:
-            InputError: for a state on no closed orbit.
+        from the same node, and all elements together give the state back. InputError for a state
+        on no closed orbit.
         """
         position, velocity = state[:3], state[3:]
         momentum = np.cross(position, velocity)

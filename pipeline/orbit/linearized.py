@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import AnyState, Scalar, Vector
+from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import (
     COEFFICIENTS,
@@ -24,7 +24,6 @@ from pipeline.orbit.chebyshev import (
     most_derivative,
     pieces_of,
 )
-from pipeline.orbit.dynamics import Interval, Node, Since
 from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -52,15 +51,10 @@ class Arcs:
     def window(self, intervals: slice, pieces: slice) -> "Arcs":
         """Some pieces of some intervals; the bounds are those of whole intervals."""
         some = intervals, pieces
+        at_points = "origin", "frame", "acceleration", "gradient", "maps", "series", "back"
         return replace(
             self,
-            origin=self.origin[some],
-            frame=self.frame[some],
-            acceleration=self.acceleration[some],
-            gradient=self.gradient[some],
-            maps=self.maps[some],
-            series=self.series[some],
-            back=self.back[some],
+            **{name: getattr(self, name)[some] for name in at_points},
             most_acceleration=self.most_acceleration[intervals],
             most_fourth=self.most_fourth[intervals],
         )
@@ -68,7 +62,7 @@ class Arcs:
 
 @dataclass(frozen=True)
 class LinearizedDynamics:
-    """Motion relative to a reference orbit to first order; ``Dynamics``."""
+    """Motion relative to a reference orbit to first order, as in ``ClohessyWiltshire``."""
 
     orbit: ReferenceOrbit
     time_step: float  # length of an interval, s
@@ -76,7 +70,7 @@ class LinearizedDynamics:
 
     @property
     def fastest(self) -> float:
-        """As ``Dynamics.fastest``."""
+        """As ``ClohessyWiltshire.fastest``."""
         return self.orbit.fastest
 
     @property
@@ -84,10 +78,8 @@ class LinearizedDynamics:
         """The reference and the maps in the intervals of a plan."""
         return arcs_of(self.orbit, self.time_step, self.intervals)
 
-    def step(
-        self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
-        """As ``Dynamics.step``, for times within the interval."""
+    def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
+        """As ``ClohessyWiltshire.step``, for times within the interval."""
         A, B = self._from_start(np.asarray(time) + since, interval)
         if np.any(since):
             before, pushed = self._from_start(since, interval)
@@ -95,9 +87,7 @@ class LinearizedDynamics:
             B = B - A @ pushed
         return A, B
 
-    def _from_start(
-        self, time: float | Scalar, interval: Interval
-    ) -> tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]:
+    def _from_start(self, time: float | Scalar, interval: Interval) -> StepMaps:
         arcs = self._covering(interval)
         pieces = arcs.maps.shape[1]
         along = np.asarray(time) / (2 * arcs.half)
@@ -108,7 +98,7 @@ class LinearizedDynamics:
         return maps[..., :6], maps[..., 6:]
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
-        """As ``Dynamics.drift``."""
+        """As ``ClohessyWiltshire.drift``."""
         furthest = max(int(np.max(one, initial=0)) for one in (first, last))
         nodes = _nodes(self.orbit, self.time_step, self._count(furthest - 1))
         return nodes[last] @ np.linalg.inv(nodes[first])
@@ -124,17 +114,13 @@ class LinearizedDynamics:
     def most_acceleration(
         self, start: AnyState, control: Vector, time: float, interval: Interval
     ) -> Scalar:
-        """As ``Dynamics.most_acceleration``, in the whole interval."""
+        """As ``ClohessyWiltshire.most_acceleration``, in the whole interval."""
         return _most(self._covering(interval).most_acceleration[interval], start, control)
 
     def most_fourth_derivative(
-        self,
-        start: AnyState,
-        control: Vector,
-        interval: Interval,
-        since: Since = 0.0,
+        self, start: AnyState, control: Vector, interval: Interval, since: Since = 0.0
     ) -> Scalar:
-        """As ``Dynamics.most_fourth_derivative``."""
+        """As ``ClohessyWiltshire.most_fourth_derivative``."""
         if np.any(since):
             before, pushed = self._from_start(since, interval)
             start = np.matvec(np.linalg.inv(before), start - np.matvec(pushed, control))

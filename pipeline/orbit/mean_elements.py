@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation, Rows
+from pipeline.orbit.arrays import Formation, OfCraft, Rows
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.forces import oblateness
 from pipeline.orbit.inertial import lvlh_axes
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
-
-Each = Float[Array, "n"]  # a value of each of n craft
 
 SAMPLES = 128  # of a revolution, equally spaced in eccentric longitude
 CLOSE = 3e-14  # miss of the last iteration, in radii of the orbit
@@ -33,9 +31,9 @@ class PlanarElements(Rows):
     """Orbits by their shape in axes of their planes, from whose first axis longitudes count."""
 
     axes: Float[Array, "n 3 3"]  # two in the orbital plane, and its normal, as columns
-    semi_major_axis: Each  # m
+    semi_major_axis: OfCraft  # m
     eccentricity: Float[Array, "n 2"]  # vector towards the perigee, along the first two axes
-    longitude: Each  # mean: that of the perigee and the mean anomaly, rad
+    longitude: OfCraft  # mean: that of the perigee and the mean anomaly, rad
 
     @classmethod
     def of(cls, states: Formation) -> "PlanarElements":
@@ -52,16 +50,16 @@ class PlanarElements(Rows):
         return cls(lvlh_axes(states), a, np.stack([x, y], axis=-1), longitude)
 
     @property
-    def mean_motion(self) -> Each:
+    def mean_motion(self) -> OfCraft:
         """In rad/s."""
         return np.sqrt(MU_EARTH / self.semi_major_axis**3)
 
     @property
-    def eccentricity_squared(self) -> Each:
+    def eccentricity_squared(self) -> OfCraft:
         """e²."""
         return np.vecdot(self.eccentricity, self.eccentricity)
 
-    def eccentric_longitude(self) -> Each:
+    def eccentric_longitude(self) -> OfCraft:
         """Longitude of the perigee and the eccentric anomaly, rad, by Kepler's equation."""
         x, y = np.moveaxis(self.eccentricity, -1, 0)
         found = self.longitude + x * np.sin(self.longitude) - y * np.cos(self.longitude)
@@ -105,8 +103,7 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
     columns = np.cross(angle[..., None, :], np.eye(3)).mT
     # sin θ/θ and (1 - cos θ)/θ², regular at 0
     first, second = np.sinc(size / np.pi), np.sinc(size / (2 * np.pi)) ** 2 / 2
-    turned: Float[Array, "n 3 3"] = np.eye(3) + first * columns + second * columns @ columns
-    return turned
+    return np.asarray(np.eye(3) + first * columns + second * columns @ columns)
 
 
 def osculating_states(mean: Formation) -> Formation:
@@ -124,14 +121,14 @@ def osculating_states(mean: Formation) -> Formation:
     return found.states()
 
 
-def _energy(states: Formation) -> Each:
+def _energy(states: Formation) -> OfCraft:
     """Specific energy of inertial states, m²/s², in the potential of a point and J2."""
     r, v = norm(states[:, :3]), states[:, 3:]
     oblate = 0.5 * J2 * MU_EARTH * R_EARTH**2 / r**3 * (3 * (states[:, 2] / r) ** 2 - 1)
     return np.vecdot(v, v) / 2 - MU_EARTH / r + oblate
 
 
-def _mean_energy(mean: PlanarElements) -> Each:
+def _mean_energy(mean: PlanarElements) -> OfCraft:
     """Specific energy of mean elements, m²/s²: the potential averaged over a revolution."""
     a, cos = mean.semi_major_axis, mean.axes[:, 2, 2]
     cubed = (a**2 * (1 - mean.eccentricity_squared)) ** 1.5
@@ -203,7 +200,7 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
     return np.stack(rates, axis=-1)
 
 
-def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[Each, Each, Each]:
+def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[OfCraft, OfCraft, OfCraft]:
     """Of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2.
 
     Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.

@@ -30,13 +30,12 @@ class Nearest:
     second: Int[Array, "trials"]  # craft of that pair
     time: Float[Array, "trials"]  # when, s since the plan's first node
 
-    def separation(self, trial: int = 0) -> Separation:
-        """The least separation of one trial."""
-        if self.first[trial] < 0:
+    def separation(self) -> Separation:
+        """The least separation of the first trial."""
+        if self.first[0] < 0:
             return Separation()
-        pair = int(self.first[trial]), int(self.second[trial])
-        distance, bound = float(self.distance[trial]), float(self.bound[trial])
-        return Separation(distance, bound, pair, float(self.time[trial]))
+        pair = int(self.first[0]), int(self.second[0])
+        return Separation(float(self.distance[0]), float(self.bound[0]), pair, float(self.time[0]))
 
 
 def nearest(states: Float[Any, "trials n pieces q 6"], start: float, duration: float) -> Nearest:

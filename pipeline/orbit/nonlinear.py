@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, Formation, States
+from pipeline.orbit.arrays import Controls, Formation, OfCraft, States
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
@@ -31,22 +31,20 @@ WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at
 AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # share of an interval under which a rest of a drift is rounding
 
-Ballistics = Float[Array, "n"]  # C_D A/m of each craft, m²/kg
+Ballistics = OfCraft  # C_D A/m of each craft, m²/kg
 
 
 def flown_arcs(
     dynamics: LinearizedDynamics,
-    initial: Float[Array, "n 6"],
+    initial: Formation,
     controls: Float[Array, "n K 3"],
     ballistics: Ballistics,
     first: int = 0,
 ) -> Float[Array, "n K M q 6"]:
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
-    The first control is that of an interval of the plan.
-
-    Raises:
-        ProlearnError: where craft are so far from the reference that it does not converge.
+    The first control is that of an interval of the plan. ProlearnError where craft are so far from
+    the reference that it does not converge.
     """
     arcs, orbit, count = dynamics.arcs, dynamics.orbit, controls.shape[1]
     pieces = arcs.maps.shape[1]
@@ -150,8 +148,7 @@ def flown_between(
     piece = np.clip(along.astype(int), 0, pieces - 1)
     weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
     each = np.arange(len(time))[:, None]
-    found: Float[Array, "n K t 6"] = np.einsum("ktq,nktqs->nkts", weights, arcs[:, each, piece])
-    return found
+    return np.asarray(np.einsum("ktq,nktqs->nkts", weights, arcs[:, each, piece]))
 
 
 def _dynamics(problem: Problem) -> LinearizedDynamics:
@@ -187,10 +184,10 @@ def _arcs_beside(
 def _window(
     arcs: Arcs,
     orbit: ReferenceOrbit,
-    start: Float[Array, "n 6"],
+    start: Formation,
     controls: Float[Array, "n K 3"],
     ballistics: Ballistics,
-) -> tuple[Float[Array, "n K M q 6"], Float[Array, "n 6"]]:
+) -> tuple[Float[Array, "n K M q 6"], Formation]:
     """States at all points of some arcs, and what would lead there from the first one's start.
 
     From states at the start of the first interval, which led to the first point without what has
@@ -214,7 +211,7 @@ def _window(
 
 
 def _linear(
-    arcs: Arcs, start: Float[Array, "n 6"], controls: Float[Array, "n K 3"]
+    arcs: Arcs, start: Formation, controls: Float[Array, "n K 3"]
 ) -> Float[Array, "n K M q 6"]:
     """The linear motion at all points."""
     given, state = np.empty((controls.shape[1], 9, len(start))), start
@@ -226,7 +223,7 @@ def _linear(
 
 def _added(
     arcs: Arcs, acceleration: Float[Array, "n K M q 3"]
-) -> tuple[Float[Array, "n K M q 6"], Float[Array, "n 6"]]:
+) -> tuple[Float[Array, "n K M q 6"], Formation]:
     """Changes of the states at all points by accelerations there, by variation of constants.
 
     And of the state at the start of the first interval that leads to the end.

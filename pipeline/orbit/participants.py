@@ -18,7 +18,6 @@ from pipeline.errors import InputError, check_range
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import (
     Controls,
-    Formation,
     Indices,
     Marked,
     PositionMaps,
@@ -138,7 +137,9 @@ class Participants(SwarmPartition):
         self._holds = np.array([one.hold for one in self.listed], dtype=bool)
         self.held = self.craft + np.flatnonzero(self._holds)
         initial = np.array([one.state for one in self.listed]).reshape(-1, 6)
-        self.pushes = self._held_by(initial)  # constant control that each is under, m/s²
+        e2 = problem.mean_motion**2
+        # Constant control that holds each where it is, by Eq. 1, m/s²; none of those that drift
+        self.pushes = np.where(self._holds[:, None], initial[:, :3] * [-3 * e2, 0.0, e2], 0.0)
         idle = np.repeat(self.pushes[:, None], problem.intervals, axis=1)
         self.controls: Controls = idle
         self.states: States = fly(initial, idle, problem)  # of obstacles; of a flight, set anew
@@ -205,8 +206,3 @@ class Participants(SwarmPartition):
         drift = ~self._holds[k]
         begin[drift] = np.matvec(dynamics.drift(np.zeros_like(interval), interval), begin)[drift]
         return np.matvec(maps[0], begin) + np.matvec(maps[1], self.pushes[k])
-
-    def _held_by(self, initial: Formation) -> Vectors:
-        """The control that holds each obstacle, m/s²: by Eq. 1, u_x = -3e² x and u_z = e² z."""
-        e = self.problem.mean_motion
-        return np.where(self._holds[:, None], initial[:, :3] * [-3 * e**2, 0.0, e**2], 0.0)

@@ -9,15 +9,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range
-from pipeline.orbit.forces import (
-    Atmosphere,
-    atmosphere_near,
-    drag,
-    drag_gradient,
-    gravity_gradient,
-    oblateness,
-    point_mass,
-)
+from pipeline.orbit import forces
+from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
@@ -76,7 +69,7 @@ class ReferenceOrbit:
                 f"from {LOWEST:g} to {HIGHEST:g} m."
             )
         if self.ballistic is not None:
-            atmosphere_near(perigee)  # refuses what is below all layers
+            forces.atmosphere_near(perigee)  # refuses what is below all layers
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
 
     @classmethod
@@ -136,48 +129,46 @@ class ReferenceOrbit:
         return self.mean_motion * (1 + e) ** 0.5 / (1 - e) ** 1.5
 
     @property
-    def air(self) -> Atmosphere:
+    def air(self) -> forces.Atmosphere:
         """The layer of the perigee."""
-        return atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
+        return forces.atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
 
     def later(self, time: float) -> "ReferenceOrbit":
         """The same for a plan that begins some s later."""
         return replace(self, start=self.start + time)
 
-    def ballistics(self, n: int) -> Float[Array, "n"]:
+    def ballistics(self, n: int) -> OfCraft:
         """Ballistic coefficient of each of n craft, m²/kg; zero without drag."""
         if self.ballistic is None:
             return np.zeros(n)
         shares = np.linspace(-1, 1, n) if n > 1 else np.zeros(1)
         return self.ballistic * (1 + self.spread * shares)
 
-    def acceleration(
-        self, states: Float[Array, "*batch 6"], ballistic: Float[Array, "*batch"] | float
-    ) -> Float[Array, "*batch 3"]:
+    def acceleration(self, states: AnyState, ballistic: Scalar | float) -> Vector:
         """By all forces but thrust at inertial states, m/s²; drag with coefficients, m²/kg."""
         position = states[..., :3]
-        total = point_mass(position)
+        total = forces.point_mass(position)
         if self.j2:
-            total += oblateness(position)
+            total += forces.oblateness(position)
         if self.ballistic is not None:
             held = np.broadcast_to(ballistic, position.shape[:-1])
-            total += drag(states, held, self.air)
+            total += forces.drag(states, held, self.air)
         return total
 
-    def gradient(self, states: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 6"]:
+    def gradient(self, states: AnyState) -> Float[Array, "*batch 3 6"]:
         """Derivative of the acceleration by the state, with the mean coefficient of drag."""
-        by_position = gravity_gradient(states[..., :3], j2=self.j2)
+        by_position = forces.gravity_gradient(states[..., :3], j2=self.j2)
         gradient = np.concatenate([by_position, np.zeros_like(by_position)], axis=-1)
         if self.ballistic is not None:
-            gradient += drag_gradient(states, self.ballistic, self.air)
+            gradient += forces.drag_gradient(states, self.ballistic, self.air)
         return gradient
 
-    def states(self, times: Float[Array, "k"]) -> Float[Array, "k 6"]:
+    def states(self, times: Values) -> Float[Array, "k 6"]:
         """Inertial states, m and m/s, at times from 0 on, s since the plan's start."""
         ascending, place = np.unique(self.start + times, return_inverse=True)
         return _states(self, tuple(ascending.tolist()))[place]
 
-    def frames(self, times: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch 6"], Frame]:
+    def frames(self, times: Scalar) -> tuple[AnyState, Frame]:
         """Inertial states at such times and the LVLH frames there."""
         origin = self.states(times.ravel()).reshape(*times.shape, 6)
         return origin, lvlh_frame(origin, self.acceleration(origin, self.ballistic or 0.0))
@@ -207,5 +198,4 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
     )
     if not solved.success:
         raise ProlearnError(f"the reference could not be flown {times[-1]:g} s: {solved.message}")
-    states: Float[Array, "k 6"] = solved.y.T
-    return states
+    return np.asarray(solved.y.T)

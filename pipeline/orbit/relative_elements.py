@@ -13,11 +13,10 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import Formation, OfCraft
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.inertial import Frame
 from pipeline.orbit.mean_elements import (
-    Each,
     PlanarElements,
     mean_states,
     osculating_states,
@@ -36,7 +35,7 @@ def ring_states(
     problem: Problem,
     semi_major_axis: float | Float[Array, "#n"],
     tilt: float | Float[Array, "#n"],
-    phase: Float[Array, "n"],
+    phase: OfCraft,
     cross_phase: float | Float[Array, "#n"] = 0.0,
     offset: float | Float[Array, "#n"] = 0.0,
 ) -> Formation:
@@ -72,7 +71,7 @@ def ring_states(
     return frame.from_inertial((osculating_states(states) if orbit.j2 else states) - origin)
 
 
-def secular_drift(states: Formation, problem: Problem) -> Each:
+def secular_drift(states: Formation, problem: Problem) -> OfCraft:
     """Along-track drift of LVLH states at the first node, m a revolution of a reference orbit.
 
     By Kepler and to first order in J2, of positions averaged over revolutions. Of craft on quite
@@ -104,7 +103,9 @@ def _mean(orbit: ReferenceOrbit, osculating: Formation) -> Formation:
     return mean_states(osculating) if orbit.j2 else osculating
 
 
-def _relative_rate(orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]) -> Each:
+def _relative_rate(
+    orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]
+) -> OfCraft:
     """Secular rate of the along-track position, averaged over a revolution, m/s.
 
     Of mean states about a mean reference. A turn of the orbit in its plane, Δω + ΔΩ cos i, moves

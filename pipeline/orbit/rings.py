@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import AnyState, Formation, Scalar
+from pipeline.orbit.arrays import AnyState, Formation, OfCraft, Scalar
 from pipeline.orbit.dynamics import cw_matrices
 
 DRIFT_FREE = 1e-6  # relative misfit of Eq. 3 up to which states lie on passive relative orbits
@@ -12,7 +12,7 @@ DRIFT_FREE = 1e-6  # relative misfit of Eq. 3 up to which states lie on passive 
 def pro_states(
     semi_major_axis: float | Float[Array, "#n"],
     tilt: float | Float[Array, "#n"],
-    phase: Float[Array, "n"],
+    phase: OfCraft,
     cross_phase: float | Float[Array, "#n"],
     mean_motion: float,
     offset: float | Float[Array, "#n"] = 0.0,

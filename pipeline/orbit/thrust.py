@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.arrays import Rows
+from pipeline.orbit.arrays import OfCraft, Rows
 
 COMPONENTS, NORM = "components", "norm"
 ALL_WAYS = 1e-3  # least radius of the ball inside the hull of directions that reach all ways
@@ -116,9 +116,9 @@ def check_directions(directions: tuple[Direction, ...]) -> None:
 class Limits(Rows):
     """What the thrusters of each of n craft can do."""
 
-    component: Float[Array, "n"]  # largest component of a control, or thrust of a thruster, m/s²
-    norm: Float[Array, "n"]  # largest ‖u‖₂, m/s²
-    delta_v: Float[Array, "n"]  # what is left in all, m/s
+    component: OfCraft  # largest component of a control, or thrust of a thruster, m/s²
+    norm: OfCraft  # largest ‖u‖₂, m/s²
+    delta_v: OfCraft  # what is left in all, m/s
     burns: Bool[Array, "n intervals 3"]  # components that may be other than zero
 
 

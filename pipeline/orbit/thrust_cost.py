@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import ProlearnError
+from pipeline.orbit.arrays import Controls, Marked, OfCraft, Scalar, Vector
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
@@ -23,7 +24,7 @@ def _gauge(directions: tuple[Direction, ...]) -> Float[Array, "F 3"]:
     return np.asarray(planes[:, :3] / -planes[:, 3:])
 
 
-def cost(controls: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
+def cost(controls: Vector, thrust: Thrust) -> Scalar:
     """What each control costs, m/s²: the least sum of thrusts without limits that give it."""
     if thrust.model == COMPONENTS:
         return np.asarray(np.abs(controls).sum(axis=-1))
@@ -40,19 +41,14 @@ def burned(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]
     return np.asarray(cost(controls, thrust).sum(axis=1))
 
 
-def polar(along: Float[Array, "*batch 3"], thrust: Thrust) -> Float[Array, "*batch"]:
+def polar(along: Vector, thrust: Thrust) -> Scalar:
     """The most that a control which costs 1 does along vectors: the dual norm of the cost."""
     if thrust.directions is None:
         return np.asarray(np.linalg.norm(along, axis=-1))
     return np.asarray(np.maximum((along @ thrust.directions.T).max(axis=-1), 0.0))
 
 
-def worth(
-    along: Float[Array, "n intervals 3"],
-    split: Float[Array, "n intervals 3"],
-    limits: Limits,
-    thrust: Thrust,
-) -> Float[Array, "n"]:
+def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
     """At least the most that the controls of each craft do along vectors, less what they cost.
 
     The largest v · u - cost(u) of each interval in which a craft may burn, within its limits,
@@ -68,12 +64,7 @@ def worth(
     return _most(along, [split, along, 0 * along, *parts], limits, thrust, 1.0)
 
 
-def support(
-    along: Float[Array, "n intervals 3"],
-    split: Float[Array, "n intervals 3"],
-    limits: Limits,
-    thrust: Thrust,
-) -> Float[Array, "n"]:
+def support(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
     """At least the most that the controls of each craft do along vectors, within its limits.
 
     Whatever the split, which is as in ``worth``.
@@ -82,12 +73,8 @@ def support(
 
 
 def _most(
-    along: Float[Array, "n intervals 3"],
-    splits: list[Float[Array, "n intervals 3"]],
-    limits: Limits,
-    thrust: Thrust,
-    price: float,
-) -> Float[Array, "n"]:
+    along: Controls, splits: list[Controls], limits: Limits, thrust: Thrust, price: float
+) -> OfCraft:
     """Upper bounds on the most of v · u - price · cost(u) over the controls of each craft.
 
     The least by some splits, for each interval in which it may burn, summed.
@@ -104,7 +91,7 @@ def _most(
     return np.asarray(np.where(limits.burns.any(axis=2), least, 0.0).sum(axis=1))
 
 
-def _length(vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 1"]:
+def _length(vectors: Vector) -> Float[Array, "*batch 1"]:
     return np.asarray(np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
@@ -113,9 +100,7 @@ def _times(limit: Array, amount: Array) -> Array:
     return np.where(amount > 0, limit * np.where(amount > 0, amount, 1.0), 0.0)
 
 
-def thrusts(
-    controls: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
-) -> Float[Array, "n intervals K"]:
+def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, "n intervals K"]:
     """Thrust of each thruster, m/s²: of those that give a control within their limits, the least.
 
     One linear program for all burns. Where a control is out of their reach, some exceed limits.
@@ -152,7 +137,7 @@ def thrusts(
 
 
 def cost_within(
-    controls: Float[Array, "n intervals 3"], thrust: Thrust, limits: Limits | None
+    controls: Controls, thrust: Thrust, limits: Limits | None
 ) -> Float[Array, "n intervals"]:
     """What each control costs, m/s², within the limits of its thrusters."""
     if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
@@ -160,16 +145,12 @@ def cost_within(
     return np.asarray(thrusts(controls, limits, thrust).sum(axis=2))
 
 
-def spent(
-    controls: Float[Array, "n intervals 3"], thrust: Thrust, limits: Limits | None = None
-) -> Float[Array, "n"]:
+def spent(controls: Controls, thrust: Thrust, limits: Limits | None = None) -> OfCraft:
     """Fuel of each craft, m/s², within the limits of its thrusters."""
     return np.asarray(cost_within(controls, thrust, limits).sum(axis=1))
 
 
-def exceeds(
-    controls: Float[Array, "n intervals 3"], limits: Limits, problem: Problem
-) -> dict[str, Bool[Array, "n"]]:
+def exceeds(controls: Controls, limits: Limits, problem: Problem) -> dict[str, Marked]:
     """Which craft exceed which of their limits."""
     thrust, time_step = problem.thrust, problem.time_step
     norm, used = np.linalg.norm(controls, axis=2), np.abs(controls).max(axis=(1, 2))
@@ -185,9 +166,7 @@ def exceeds(
     }
 
 
-def burn_sizes(
-    controls: Float[Array, "n intervals 3"], limits: Limits, thrust: Thrust
-) -> Float[Array, "n intervals 3"]:
+def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
     """Size of the burn that each component of a control is part of, m/s²; of several the least.
 
     Of thrusters along the axes each component is a burn; of one that is pointed the whole control;
@@ -203,9 +182,7 @@ def burn_sizes(
     return np.broadcast_to(np.where(np.isfinite(size), size, 0.0)[..., None], controls.shape)
 
 
-def too_small(
-    controls: Float[Array, "n intervals 3"], limits: Limits, problem: Problem
-) -> Bool[Array, "n intervals 3"]:
+def too_small(controls: Controls, limits: Limits, problem: Problem) -> Bool[Array, "n intervals 3"]:
     """Parts of controls that are burns, and smaller than the smallest impulse bit."""
     if (least := problem.thrust.min_delta_v) is None:
         return np.zeros(controls.shape, dtype=bool)

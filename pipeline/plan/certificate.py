@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, States
+from pipeline.orbit.arrays import Controls, OfCraft, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
@@ -341,11 +341,15 @@ def certify(
     """
     problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
     starts, step, all_of = swarms.starts, problem.time_step, participants(scenarios)
-    unlike = all_of if isinstance(all_of, Participants) else None
+    flown, pushed = np.split(states, starts[1:]), np.split(controls, starts[1:])
+
+    def of_craft(values: OfCraft) -> list[tuple[float, ...]]:
+        return [tuple(one.tolist()) for one in np.split(values, starts[1:])]
+
     spent, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
     burned = spent
     if problem.thrust != ALONG_AXES:
-        of_each = zip(np.split(controls, starts[1:]), scenarios, strict=True)
+        of_each = zip(pushed, scenarios, strict=True)
         burned = np.concatenate([fuel_of(one, problem.thrust, s.limits) for one, s in of_each])
     used = np.add.reduceat(burned, starts).tolist()
     bounds = [(_rounded_down(b, u), proof) for u, (b, proof) in zip(used, bounds, strict=True)]
@@ -372,20 +376,19 @@ def certify(
         "goal_velocity_error": misses[:, 3:].max(axis=1).tolist(),
         "dynamics_error": np.maximum.reduceat(defect, starts).tolist(),
         "fuel_lower_bound_proof": [proof for _, proof in bounds],
-        "craft_delta_v": [tuple(one.tolist()) for one in np.split(step * spent, starts[1:])],
-        "craft_delta_v_2norm": [tuple(one.tolist()) for one in np.split(step * turned, starts[1:])],
+        "craft_delta_v": of_craft(step * spent),
+        "craft_delta_v_2norm": of_craft(step * turned),
     }
-    if unlike is not None:
-        clear = flights.clear or _least_separations(states, controls, problem, unlike)
+    if isinstance(all_of, Participants):
+        clear = flights.clear or _least_separations(states, controls, problem, all_of)
         columns["clearance"] = list(map(Clearance.of, clear, scenarios))
-        flown = np.split(states, starts[1:]), np.split(controls, starts[1:])
         inside = partial(CorridorMargin.of, as_flown=flights.as_flown)
-        columns["corridor"] = list(map(inside, *flown, scenarios))
-    off = map(_waypoint_errors, scenarios, np.split(states, starts[1:]))
+        columns["corridor"] = list(map(inside, flown, pushed, scenarios))
+    both = zip(scenarios, flown, strict=True)
+    off = [missed(s.waypoints, one, problem) if s.waypoints else (None, None) for s, one in both]
     columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
     if not isinstance(problem.thrust.model, str):
-        each = np.split(step * burned, starts[1:])
-        columns["craft_delta_v_thrusters"] = [tuple(one.tolist()) for one in each]
+        columns["craft_delta_v_thrusters"] = of_craft(step * burned)
     if problem.thrust.objective == "fair":
         left = np.concatenate([s.limits.delta_v for s in scenarios if s.limits is not None])
         shares = np.split(step * burned / left, starts[1:])
@@ -394,8 +397,8 @@ def certify(
             for one, bound in zip(shares, least_shares, strict=True)
         ]
     if problem.thrust.min_delta_v is not None:
-        each_of = zip(np.split(controls, starts[1:]), scenarios, strict=True)
-        sizes = [burn_sizes(one, s.limits, problem.thrust) for one, s in each_of if s.limits]
+        of_each = zip(pushed, scenarios, strict=True)
+        sizes = [burn_sizes(one, s.limits, problem.thrust) for one, s in of_each if s.limits]
         least = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
         columns["smallest_burn"] = [SmallestBurn(problem.thrust.min_delta_v, one) for one in least]
     orbits, limit = requirements.passive_safety, requirements.risk
@@ -404,17 +407,9 @@ def certify(
     if limit is not None:
         refuse_risk(scenarios, closed_loop=limit.closed_loop)
         asked = Risk.asked_for(limit, problem)
-        parts = zip(np.split(states, starts[1:]), np.split(controls, starts[1:]), strict=True)
-        columns["risk"] = [asked.judge(*part, problem) for part in parts]
+        columns["risk"] = [asked.judge(*part, problem) for part in zip(flown, pushed, strict=True)]
     rows = zip(*columns.values(), strict=True)
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
-
-
-def _waypoint_errors(scenario: Scenario, states: States) -> tuple[float | None, float | None]:
-    """Largest misses of waypoints, m and m/s, where there are some."""
-    if not scenario.waypoints:
-        return None, None
-    return missed(scenario.waypoints, states, scenario.problem)
 
 
 def _passive_safety(

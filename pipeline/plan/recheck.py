@@ -19,6 +19,11 @@ from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
 SAME = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
+# Least distances that may not be claimed larger than they are found, nor may the bounds below them
+DISTANCES = (
+    *("min_separation", "passive_safety.min_separation", "clearance.min_clearance"),
+    *("corridor.min_margin", "passive_safety.clearance.min_clearance"),
+)
 
 FalseClaim = tuple[str, float, float, str]
 """Name of a field, the value that a file claims, the value found anew, and the unit."""
@@ -109,24 +114,18 @@ def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClai
 
 def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
     """The least separations, in flight and after a loss of thrust, and the bounds below them."""
-    adrift: list[Any] = [said.passive_safety, found.passive_safety]
-    parts: list[tuple[str, str, list[Any]]] = [
-        ("", "min_separation", [said, found]),
-        ("passive_safety.", "min_separation", adrift),
-        ("clearance.", "min_clearance", [said.clearance, found.clearance]),
-        ("corridor.", "min_margin", [said.corridor, found.corridor]),
-        ("passive_safety.clearance.", "min_clearance", [one and one.clearance for one in adrift]),
-    ]
-    for prefix, least, pair in parts:
-        yield from _false_least(prefix, least, pair)
-
-
-def _false_least(prefix: str, least: str, pair: list[Any]) -> Iterator[FalseClaim]:
-    """A least distance and the bound below it, claimed and found."""
-    for name in (least, f"{least}_bound"):
-        theirs, ours = (getattr(one, name, None) for one in pair)
+    for name in (part for least in DISTANCES for part in (least, f"{least}_bound")):
+        theirs, ours = (_field(one, name) for one in (said, found))
         if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
-            yield prefix + name, theirs, ours, " m"
+            yield name, theirs, ours, " m"
+
+
+def _field(certificate: Certificate, name: str) -> Any:
+    """A field by its name, parts of which dots separate; None where a part is not there."""
+    found: Any = certificate
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    return found
 
 
 def _false_of_thrust(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:

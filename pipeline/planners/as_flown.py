@@ -93,7 +93,7 @@ class AsFlown(PlannerWrapper):
             solves += linear.convex_solves
             if linear.status == SOLVED:
                 plan = _corrected(scenario, linear, self.requirements, passed)
-                best = min(best, plan, key=_rank)
+                best = min(best, plan, key=lambda one: (one.status != SOLVED, one.certificate.fuel))
         spent = perf_counter() - started - best.timing["certificate"]
         timing = {**best.timing, "plan": planning + spent}
         return replace(best, convex_solves=solves, timing=timing)
@@ -170,10 +170,6 @@ def _less(given: Limited) -> Limited:
     values = {name: getattr(given, name, None) for name in share}
     eased = {name: share[name] * one for name, one in values.items() if one is not None}
     return replace(given, **eased)
-
-
-def _rank(plan: Plan) -> tuple[bool, float]:
-    return plan.status != SOLVED, plan.certificate.fuel
 
 
 def _missing(plan: Plan) -> float:
@@ -270,7 +266,8 @@ def _changed(
     size, limit = np.abs(controls), problem.max_acceleration
     free = size > COAST * np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
     if limits is not None:
-        free &= limits.burns & _below(controls, limits)
+        most = LIMIT_SHARE**2 * np.stack([limits.component, limits.norm])[..., None, None]
+        free &= limits.burns & (size < most[0]) & (norm(controls)[..., None] < most[1])
     elif limit is not None:
         free &= size < limit * LIMIT_SHARE**2
     added, unable = _least_change(free, miss, at)
@@ -279,12 +276,6 @@ def _changed(
     elif unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:
         added[unable] = optima.controls.reshape(len(optima.controls), -1)
     return controls + added.reshape(controls.shape)
-
-
-def _below(controls: Controls, limits: Limits) -> Bool[Array, "n intervals 3"]:
-    """Mask of control components below their limits."""
-    most = LIMIT_SHARE**2 * np.stack([limits.component, limits.norm])[..., None, None]
-    return (np.abs(controls) < most[0]) & (norm(controls)[..., None] < most[1])
 
 
 def _least_change(

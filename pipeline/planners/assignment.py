@@ -11,6 +11,7 @@ from pipeline.arrays import Array, Float
 from pipeline.expert import decoupled_optima
 from pipeline.expert.batch import Batch
 from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss
+from pipeline.orbit.arrays import OfCraft
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.scenario import Scenario
 
@@ -135,7 +136,7 @@ class _Subproblem:
             return None
         return (*self.slots[: self.kept], *slots.tolist())
 
-    def bounds_without(self, costs: Float[Array, "n n"]) -> Float[Array, "n"]:
+    def bounds_without(self, costs: Float[Array, "n n"]) -> OfCraft:
         """For each craft, a lower bound on the cost of the part where it takes another goal.
 
         That craft needs another goal, and its goal another craft; by the reduced costs, none of

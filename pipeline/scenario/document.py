@@ -12,15 +12,7 @@ from pipeline.files import stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.thrust import Objective, Thrust
-from pipeline.scenario.fields import (
-    NoBurn,
-    Positive,
-    Triple,
-    Whole,
-    given_fields,
-    one_of,
-    strict,
-)
+from pipeline.scenario.fields import NoBurn, Positive, Triple, Whole, given_fields, one_of, strict
 from pipeline.scenario.orbit_document import ANGLES, OrbitDocument, ReferenceDocument
 from pipeline.scenario.part_documents import (
     CorridorDocument,

@@ -81,7 +81,8 @@ def draw_many(
     found, portion = [], max(1, MOST_PAIRS // (BESIDE * n**2))
     for first in range(0, len(which), portion):
         some = which[first : first + portion]
-        draws = [_Draw(_stream(seed, n, k, split), n) for split, k in some]
+        entropy = [[seed, n, k, SPLITS.index(split)] for split, k in some]
+        draws = [_Draw(np.random.default_rng(words), n) for words in entropy]
         drawn = FAMILIES[family](draws, (problem, problem.starting_at(problem.intervals)))
         for (split, k), (initial, goal) in zip(some, drawn, strict=True):
             name = scenario_id(family, seed, n, k, split)
@@ -92,11 +93,6 @@ def draw_many(
 def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
     """The name of a drawn scenario."""
     return f"{family}-s{seed}-n{n}-{split}-{index:06d}"
-
-
-def _stream(seed: int, n: int, index: int, split: str) -> np.random.Generator:
-    """The random generator of a scenario."""
-    return np.random.default_rng([seed, n, index, SPLITS.index(split)])
 
 
 @dataclass(frozen=True)

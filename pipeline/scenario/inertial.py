@@ -82,9 +82,7 @@ def read_inertial(path: Path) -> Inertial:
     """The states in a folder of OEM files, in one of these or in a table.
 
     Craft of a folder are in the order of the files' names, numbers in these by their value.
-
-    Raises:
-        InputError: naming the file and what is wrong with it.
+    InputErrors name the file and what is wrong with it.
     """
     if not path.is_dir():
         text = _text(path)

@@ -5,8 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation
+from pipeline.orbit.arrays import Formation, OfCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -70,7 +69,7 @@ class RingDocument(BaseModel):
         return self
 
     @property
-    def phase(self) -> Float[Array, "n"]:
+    def phase(self) -> OfCraft:
         """θ of each craft, rad."""
         if self.phases_deg is not None:
             return np.deg2rad(self.phases_deg)

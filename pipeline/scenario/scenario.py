@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
+from pipeline.orbit.arrays import OfCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
 from pipeline.orbit.problem import Problem
@@ -153,7 +154,7 @@ class Scenario:
                 yield end, int(there.craft[k]), int(there.corridor[k]), float(margin[k])
 
     @property
-    def radii(self) -> Float[Array, "n"]:
+    def radii(self) -> OfCraft:
         """Of each craft, m: half the collision radius where it has none of its own."""
         given = [one.radius for one in self.craft] or [None] * self.n
         half = self.problem.collision_radius / 2

@@ -6,7 +6,7 @@ from math import floor, log10
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.orbit.arrays import OfCraft
 from pipeline.orbit.decoupled import least_cost, least_limits_within
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
@@ -32,9 +32,9 @@ class Shortfall:
 class Needs:
     """Least limits and Δv with which each craft can make its transfer; infinite if none can."""
 
-    limit: Float[Array, "n"]  # of the limit on components or thrusters, m/s²
-    norm: Float[Array, "n"]  # of the limit on the norm
-    delta_v: Float[Array, "n"]  # of what they may burn, m/s
+    limit: OfCraft  # of the limit on components or thrusters, m/s²
+    norm: OfCraft  # of the limit on the norm
+    delta_v: OfCraft  # of what they may burn, m/s
 
 
 def needs_of(scenario: Scenario, limits: Limits) -> Needs:

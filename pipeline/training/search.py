@@ -96,16 +96,16 @@ def drawn_trials(
             seed += len(study.trials)
             study.sampler = optuna.samplers.TPESampler(seed=seed, constant_liar=True)
             asked.extend(study.ask() for _ in range(count))
-            fields = {trial.number: _suggested(trial, unused) for trial in asked}
+            drawn = {name: draw for name, draw in SPACE.items() if name not in unused}
+            fields = {
+                trial.number: {name: draw(trial, name) for name, draw in drawn.items()}
+                for trial in asked
+            }
         with _heartbeats(study, asked):
             yield fields
     finally:
         for trial in asked:
             study.tell(trial, state=optuna.trial.TrialState.FAIL, skip_if_finished=True)
-
-
-def _suggested(trial: "Trial", unused: Collection[str]) -> dict[str, Any]:
-    return {name: draw(trial, name) for name, draw in SPACE.items() if name not in unused}
 
 
 @contextmanager

@@ -29,35 +29,8 @@ from safetensors.numpy import load as arrays_from
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
-from pipeline.networks.refiner.arrays import (
-    cast,
-    constant,
-    rows,
-    self_adjoint,
-    sigmoid,
-    with_rows,
-)
-from pipeline.networks.refiner.geometry import (
-    EncounterGeometry,
-    Encounters,
-    Grid,
-    Scene,
-    approaches,
-    encounters,
-    grid_of,
-    in_units,
-    normals,
-    passing,
-    scene_of,
-)
-from pipeline.networks.refiner.programs import (
-    Decoupled,
-    Sides,
-    decoupled_optima,
-    first_duals,
-    optima,
-    sides_of,
-)
+from pipeline.networks.refiner import geometry, programs
+from pipeline.networks.refiner.arrays import cast, constant, rows, self_adjoint, sigmoid, with_rows
 from pipeline.orbit.problem import Problem
 
 PLANE_DISTANCE = 1.3  # in r_col, within which pairs that turn from coming closer get a plane
@@ -86,7 +59,7 @@ in stored models that were trained without messages, where it is 0."""
 
 
 def edge_features(
-    scene: Scene,
+    scene: geometry.Scene,
     nodes: int,
     dual: Float[Any, "L 2"],
     first_dual: Float[Any, "L 2"],
@@ -97,7 +70,7 @@ def edge_features(
 
     ``dual`` is of the round before; ``load`` has the node features of either craft.
     """
-    past, speed = passing(scene.ends, scene.share, scene.along)
+    past, speed = geometry.passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
     shared = [
         3 * xp.clip(1 - scene.distance, -2, 2),  # depth within r_col
@@ -121,7 +94,7 @@ def edge_features(
     return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
 
 
-def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
+def free_directions(gain: Float[Any, "L m"], grid: geometry.Grid) -> Float[Any, "L m"]:
     """Unit vectors of the controls that keep the goal and increase the distance most."""
     free = constant(gain) @ grid.free
     norm = namespace(free).linalg.vector_norm(free, axis=1, keepdims=True)
@@ -129,7 +102,7 @@ def free_directions(gain: Float[Any, "L m"], grid: Grid) -> Float[Any, "L m"]:
 
 
 def trades(
-    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
+    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: programs.Sides
 ) -> Float[Any, "L"]:
     """Message passing: the trade of each encounter, r_col; ``free`` compares planes."""
     xp, w = namespace(features), weights["tell.weight"]
@@ -142,7 +115,7 @@ def trades(
 
 
 def aggregate(
-    messages: Float[Any, "L 2 H"], free: Float[Any, "L m"], sides: Sides
+    messages: Float[Any, "L 2 H"], free: Float[Any, "L m"], sides: programs.Sides
 ) -> Float[Any, "L 2 _"]:
     """Message aggregation: a cosine-weighted sum and a sum over the encounters of each craft.
 
@@ -248,11 +221,11 @@ def way_to_give(
 class ProblemData:
     """A batch of planning problems of n craft each: what no round changes."""
 
-    grid: Grid  # maps of the problem
+    grid: geometry.Grid  # maps of the problem
     n: int  # craft of each swarm
     initial: Float[Any, "N 6"]  # states
-    own: Decoupled  # decoupled optima
-    met: Encounters  # encounters that are looked at
+    own: programs.Decoupled  # decoupled optima
+    met: geometry.Encounters  # encounters that are looked at
     swarm: Int[Array, "E"]  # whose each of these is
 
     def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
@@ -266,7 +239,7 @@ class Iterate:
 
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
-    near: EncounterGeometry  # closest approaches of the encounters
+    near: geometry.EncounterGeometry  # closest approaches of the encounters
     dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
     first_dual: Float[Array, "E 2"]  # what its first unit costs; 0 before there is one
 
@@ -279,11 +252,13 @@ def problem_data(
     device: Any = None,
 ) -> ProblemData:
     """Planning problems from states in m and m/s, as tensors on a torch ``device`` if given."""
-    grid, n = grid_of(problem), initial.shape[1]
-    begin, end = (in_units(plain(ends), plain(radius), problem) for ends in (initial, goal))
-    own = decoupled_optima(begin, end, grid, problem)
-    met = encounters(grid.fly(begin, own.controls), n)
-    grid = grid_of(problem, device)
+    grid, n = geometry.grid_of(problem), initial.shape[1]
+    begin, end = (
+        geometry.in_units(plain(ends), plain(radius), problem) for ends in (initial, goal)
+    )
+    own = programs.decoupled_optima(begin, end, grid, problem)
+    met = geometry.encounters(grid.fly(begin, own.controls), n)
+    grid = geometry.grid_of(problem, device)
     return ProblemData(grid, n, like(begin, grid.drift), own, met, met.first // n)
 
 
@@ -291,7 +266,7 @@ def start(data: ProblemData) -> Iterate:
     """The first iterate: decoupled optima, without planes."""
     controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
     states = data.grid.fly(data.initial, controls)
-    near = approaches(data.met, states, np.full(len(nothing), PLANE_DISTANCE))
+    near = geometry.approaches(data.met, states, np.full(len(nothing), PLANE_DISTANCE))
     return Iterate(controls, states, near, nothing, nothing)
 
 
@@ -319,11 +294,11 @@ def run_round(
         return now
     met, grid = data.met.of(which), data.grid
     craft = met.craft  # (L, 2)
-    scene = scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
+    scene = geometry.scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
     first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))  # (E, 2)
     dual, first = now.dual[which], first_dual[which]  # (L, 2)
-    sides = sides_of(craft)
+    sides = programs.sides_of(craft)
     trade = constant(distance) * 0
     if weights is not None:
         load = _node_features(craft, dual, data, plain(now.controls))  # (L, 2, 3)
@@ -333,7 +308,7 @@ def run_round(
     give = way_to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
+    best, paid = programs.optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)  # (N, m)
     flown = grid.fly(rows(data.initial, sides.craft), best)  # (C, T, 6)
     states = with_rows(now.states, sides.craft, flown)  # (N, T, 6)
@@ -342,7 +317,7 @@ def run_round(
     moved[sides.craft] = True
     # Encounters with planes are seen at any distance, others where they would get one.
     within = np.where(first_dual[:, 0] > 0, np.inf, PLANE_DISTANCE)
-    near = approaches(data.met, states, within, now.near, moved)
+    near = geometry.approaches(data.met, states, within, now.near, moved)
     return Iterate(controls, states, near, dual, first_dual)
 
 
@@ -364,7 +339,9 @@ def _with_first_duals(
     if len(new) == 0:
         return first_dual
     craft, gain = data.met.of(which[new]).craft, gain[new]
-    found = [first_duals(data.own, craft[:, k], sign * gain) for k, sign in enumerate((1, -1))]
+    found = [
+        programs.first_duals(data.own, craft[:, k], sign * gain) for k, sign in enumerate((1, -1))
+    ]
     return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
 
 
@@ -437,7 +414,7 @@ def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
-    distances, _ = normals(data.met.of(which).relative(now.states), now.near.share[which])
+    distances, _ = geometry.normals(data.met.of(which).relative(now.states), now.near.share[which])
     of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)
 

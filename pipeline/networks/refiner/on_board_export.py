@@ -17,18 +17,10 @@ from pipeline.files import published
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import open_session, traced, write
 from pipeline.networks.recipes import REFINER
+from pipeline.networks.refiner import on_board
 from pipeline.networks.refiner.model import problem_data, run_round, start
-from pipeline.networks.refiner.on_board import (
-    ROUND,
-    STEPS,
-    TOLD,
-    Step,
-    outputs,
-    sizes_of,
-    told_each_round,
-    value,
-)
 from pipeline.networks.refiner.refiner import MessagePassing
+from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder
@@ -55,7 +47,7 @@ and the place there."""
 
 
 def fly_rounds(
-    run: Run, initial: Float[Array, "n 6"], goal: Float[Array, "n 6"], r_col: float, *, rounds: int
+    run: Run, initial: Formation, goal: Formation, r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
     """Run all craft of a swarm: their controls, m/s², before and after each round."""
     swarm: list[AgentMemory] = [
@@ -68,7 +60,7 @@ def fly_rounds(
     _exchange(swarm, edges, ("nodes", "price"))
     yield np.stack([craft["controls"] for craft in swarm])
     for number in range(rounds):
-        for name, step in ROUND.items():
+        for name, step in on_board.ROUND.items():
             for k in {edge[0] for edge in edges}:  # others keep their decoupled optimum
                 swarm[k].update(run(name, {**swarm[k], "number": np.array(number)}))
             live = [e for e in edges if step.tells_all or swarm[e[0]]["live"][e[1]]]
@@ -82,7 +74,7 @@ def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
     for k, craft in enumerate(swarm if len(swarm) > 1 else ()):
         others = [j for j in range(len(swarm)) if j != k]
         told = np.stack([swarm[j]["states"] for j in others])
-        which, interval = np.nonzero(run("meet", {**craft, TOLD + "states": told})["met"])
+        which, interval = np.nonzero(run("meet", {**craft, on_board.TOLD + "states": told})["met"])
         places |= {
             (k, others[q], int(t)): place
             for place, (q, t) in enumerate(zip(which, interval, strict=True))
@@ -99,9 +91,9 @@ def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequen
     for name in names:
         for craft in swarm:  # who is told nothing knows nothing, but in the right shape
             if name in craft:
-                craft.setdefault(TOLD + name, np.zeros_like(craft[name]))
+                craft.setdefault(on_board.TOLD + name, np.zeros_like(craft[name]))
         for k, place, other, there in edges:
-            swarm[k][TOLD + name][place] = swarm[other][name][there]
+            swarm[k][on_board.TOLD + name][place] = swarm[other][name][there]
 
 
 @dataclass(frozen=True)
@@ -133,12 +125,12 @@ class Files:
 
     def __call__(self, name: str, known: AgentMemory) -> Mapping[str, Any]:
         """The outputs of a step by name."""
-        given = {one: known[one] for one in STEPS[name].takes}
+        given = {one: known[one] for one in on_board.STEPS[name].takes}
         started = time.perf_counter()
         found = self.session[name].run(None, given)
         self.seconds[name].append(time.perf_counter() - started)
         self.encounters = max(self.encounters, len(known.get("interval", ())))
-        return dict(zip(STEPS[name].gives, found, strict=True))
+        return dict(zip(on_board.STEPS[name].gives, found, strict=True))
 
 
 def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
@@ -190,10 +182,7 @@ def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Disc
 
 
 def together(
-    network: MessagePassing,
-    problem: Problem,
-    initial: Float[Array, "n 6"],
-    goal: Float[Array, "n 6"],
+    network: MessagePassing, problem: Problem, initial: Formation, goal: Formation
 ) -> Float[Array, "_ n m"]:
     """Controls before and after each round of the whole swarm at once, m/s²."""
     radius = np.array([problem.collision_radius])
@@ -231,8 +220,8 @@ def export_craft(
     network = model.network
     assert isinstance(network, MessagePassing), "a refiner's"
     with scratch_folder() as temporary:
-        made = {name: temporary / f"{name}.onnx" for name in STEPS}
-        for name, step in STEPS.items():
+        made = {name: temporary / f"{name}.onnx" for name in on_board.STEPS}
+        for name, step in on_board.STEPS.items():
             described = {"schema": SCHEMA, "step": name, "tells": step.tells, **(about or {})}
             _write(step(network, model.problem), network.message, made[name], described)
         checked = check(made, model)
@@ -242,17 +231,17 @@ def export_craft(
             path.write_bytes(graph)
     kib = {name: len(graph) / 1024 for name, graph in content.items()}
     digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
-    return ExportedCraft(folder, kib, digests, told_each_round(network.message), checked)
+    return ExportedCraft(folder, kib, digests, on_board.told_each_round(network.message), checked)
 
 
-def _write(step: Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
-    sizes = sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
-    inputs, gives = step.takes, outputs(type(step))
+def _write(step: on_board.Step, message: int, path: Path, about: Mapping[str, Any]) -> None:
+    sizes = on_board.sizes_of(step.problem.nodes, message, ANY["P"], ANY["Q"])
+    inputs, gives = step.takes, on_board.outputs(type(step))
     axes = {
-        name: [letter if letter in ANY else None for letter in value(name).shape]
+        name: [letter if letter in ANY else None for letter in on_board.value(name).shape]
         for name in (*inputs, *gives)
     }
     dynamic = tuple({k: Dim.DYNAMIC for k, a in enumerate(axes[name]) if a} for name in inputs)
-    values = {name: value(name) for name in inputs}
+    values = {name: on_board.value(name) for name in inputs}
     examples = {name: torch.ones(v.sized(sizes), dtype=v.dtype) for name, v in values.items()}
     write(traced(step, examples, gives, [dynamic], REFINER), path, axes, about)

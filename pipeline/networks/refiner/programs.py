@@ -21,6 +21,7 @@ from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, rows
 from pipeline.networks.refiner.geometry import Grid
+from pipeline.orbit.arrays import Indices, Values
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem
 
@@ -115,9 +116,7 @@ def optima(
     return best, dual
 
 
-def first_duals(
-    own: Decoupled, craft: Int[Array, "k"], gain: Float[Array, "k m"]
-) -> Float[Array, "k"]:
+def first_duals(own: Decoupled, craft: Indices, gain: Float[Array, "k m"]) -> Values:
     """What the first unit along a row costs a craft: the dual simplex ratio."""
     found = first_ratios(own.tableau, own.basis, own.others, own.cost, craft, gain)
     return np.asarray(found)

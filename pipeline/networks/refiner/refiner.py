@@ -19,18 +19,7 @@ from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import COSINE, Recipe
-from pipeline.networks.refiner.model import (
-    FEATURES,
-    PLANE_DISTANCE,
-    ProblemData,
-    Weights,
-    answer,
-    cheapest_safe,
-    problem_data,
-    run_round,
-    shortfall,
-    start,
-)
+from pipeline.networks.refiner import model
 from pipeline.orbit.separation import drift_separations
 
 UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
@@ -59,7 +48,7 @@ class LossSettings(BaseModel):
     rounds: int = Field(default=8, ge=1)  # in training
     violation: float = 2.5  # what a r_col that an encounter lacks counts as
     # distance beyond r_col up to which it lacks something; nobody is seen beyond ``PLANE_DISTANCE``
-    clear: float = Field(default=0.008, ge=0, le=PLANE_DISTANCE - 1)
+    clear: float = Field(default=0.008, ge=0, le=model.PLANE_DISTANCE - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
 
 
@@ -71,7 +60,7 @@ class MessagePassing(nn.Module):
     def __init__(self, width: int, message: int, rounds: int) -> None:
         super().__init__()
         self.message, self.rounds = message, rounds
-        self.read = _two_layers(2 * FEATURES, width, message)
+        self.read = _two_layers(2 * model.FEATURES, width, message)
         self.weigh = _two_layers(5 * message, width, message)
         self.tell = nn.Linear(message, message)
         self.offer = nn.Linear(message, 1, bias=False)
@@ -79,12 +68,12 @@ class MessagePassing(nn.Module):
         self.register_buffer("hears", torch.ones(()))
 
     @property
-    def weights(self) -> Weights:
+    def weights(self) -> model.Weights:
         """By name, with their gradients."""
         return dict(self.state_dict(keep_vars=True))
 
     @property
-    def arrays(self) -> Weights:
+    def arrays(self) -> model.Weights:
         """The same as arrays."""
         return {name: plain(values) for name, values in self.weights.items()}
 
@@ -141,11 +130,11 @@ class Refiner:
         settings = LossSettings.model_validate(dict(recipe.options))
         given = _turned(_crowded(batch, encoding))
         ends = given.initial, given.goal, given.collision_radius
-        data, terms = problem_data(given.problem, *ends, given.initial.device), []
-        now, weights = start(data), network.weights
+        data, terms = model.problem_data(given.problem, *ends, given.initial.device), []
+        now, weights = model.start(data), network.weights
         for number in range(settings.rounds):
-            now = run_round(weights, data, now, number)
-            missing = settings.violation * shortfall(data, now, 1 + settings.clear)
+            now = model.run_round(weights, data, now, number)
+            missing = settings.violation * model.shortfall(data, now, 1 + settings.clear)
             # By its logarithm, or the hardest swarms would be all that is learned from.
             terms.append(torch.log(_ratio(data, now.controls) + missing).mean())
         weight = torch.tensor([settings.earlier**k for k in reversed(range(len(terms)))])
@@ -159,8 +148,8 @@ class Refiner:
         """Log of fuel and a penalty on unsafe plans, with collision radii given and raised."""
         scores = []
         for radius in (batch["radius"], batch["most"]):
-            data = problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
-            controls, safe = cheapest_safe(network.arrays, data, network.rounds)
+            data = model.problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
+            controls, safe = model.cheapest_safe(network.arrays, data, network.rounds)
             ratio = _ratio(data, torch.from_numpy(controls))
             scores.append((ratio.log() + UNSAFE * torch.from_numpy(~safe)).mean())
         return torch.stack(scores).mean()
@@ -170,10 +159,10 @@ class Refiner:
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
         ends = swarms.initial, swarms.goal, swarms.collision_radius
-        return torch.from_numpy(answer(network.arrays, network.rounds, swarms.problem, *ends))
+        return torch.from_numpy(model.answer(network.arrays, network.rounds, swarms.problem, *ends))
 
 
-def _ratio(data: ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
+def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
     """Fuel over the lower bound of each swarm, 1 where none is needed."""
     bound = data.fuel(torch.from_numpy(data.own.controls).to(controls))
     return data.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
