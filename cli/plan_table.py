@@ -69,7 +69,8 @@ def print_plans(rows: Sequence[Row]) -> None:
         echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
-    echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+    if str(where) != "-":
+        echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
 
 
 def _legend(rows: Sequence[Row]) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """Errors for the person who can act on them: what was given, what is expected, what to do."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from math import isfinite
 
 
 class ProlearnError(Exception):
@@ -17,6 +18,12 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
     if not least <= value <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
+
+
+def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
+    """Refuse what is not so many finite numbers with an InputError that names what it is of."""
+    if len(given) != size or not all(map(isfinite, given)):
+        raise InputError(f"{name} is {tuple(given)}; expected {size} finite numbers.")
 
 
 def check_choice(name: str, value: object, choices: Iterable[str]) -> None:

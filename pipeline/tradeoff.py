@@ -8,7 +8,7 @@ things, and every duration is a whole number of arcs here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor, nan
+from math import ceil, floor, isfinite, nan
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -66,6 +66,8 @@ class Point:
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
     """At most ``steps`` numbers of arcs over a range of durations, s; InputError if none fits."""
     check_range("steps", steps, 1, MOST_NODES)
+    if not isfinite(first) or not isfinite(last):
+        raise InputError(f"duration is {first:g} to {last:g} s; expected finite numbers.")
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
     if least < FEWEST:
         raise InputError(

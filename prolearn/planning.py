@@ -104,10 +104,10 @@ def _in_world(scenario: Scenario, world: Conditions | bool) -> Scenario:
 
 
 def plan_all(scenarios: Sequence[Scenario], planner: str | Planner = "expert") -> list[Plan]:
-    """Plans of several scenarios of one problem and one n, in order, far faster than one by one.
+    """Plans of several scenarios of one problem, in order, far faster than one by one.
 
     Raises:
-        InputError: where problems or sizes differ, and as in ``plan``.
+        InputError: where problems differ, or sizes for a network, and as in ``plan``.
     """
     for one in scenarios:
         refuse_formations(one)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_vector
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
@@ -36,6 +36,8 @@ class Box:
 
     def __post_init__(self) -> None:
         """Refuse boxes without an inside."""
+        check_vector("min of a box", self.min)
+        check_vector("max of a box", self.max)
         if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
             raise InputError(
                 f"a box has min {self.min} and max {self.max}; expected less than max."
@@ -75,6 +77,8 @@ class Cone:
 
     def __post_init__(self) -> None:
         """Refuse cones without an inside."""
+        check_vector("apex of a cone", self.apex)
+        check_vector("axis of a cone", self.axis)
         if not 0 < self.half_angle_deg <= STEEPEST or not any(self.axis):
             raise InputError(
                 f"a cone has the axis {self.axis} and a half-angle of {self.half_angle_deg:g} deg; "

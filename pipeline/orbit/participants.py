@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_range, check_vector
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import (
     Controls,
@@ -55,6 +55,7 @@ class Obstacle:
         object.__setattr__(self, "state", tuple(map(float, self.state)))
         if (self.radius is None) == (self.semi_axes is None):
             raise InputError(f"obstacle {self.name!r} needs one of radius and semi_axes, m.")
+        check_vector(f"semi_axes of obstacle {self.name!r}", self.axes)
         for one in self.axes:
             check_range(f"size of obstacle {self.name!r}", one, *RANGES["collision_radius"])
         if len(self.state) != 6 or not np.isfinite(self.state).all():

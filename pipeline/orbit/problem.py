@@ -61,6 +61,8 @@ class Problem:
                 f"mean_motion is {self.mean_motion:.9g} rad/s; expected that of its orbit, "
                 f"{self.orbit.mean_motion:.9g} rad/s: use about."
             )
+        if not isinstance(self.thrust, Thrust):
+            raise InputError(f"thrust is {self.thrust!r}; expected Thrust, such as Thrust('norm').")
         for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             if name == "max_acceleration" and value is None:

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_choice, check_range
 from pipeline.orbit.arrays import OfCraft, Rows
 
 COMPONENTS, NORM = "components", "norm"
@@ -56,6 +56,7 @@ class Thrust:
     def __post_init__(self) -> None:
         """Refuse values out of range and directions that do not push all ways."""
         if not isinstance(self.model, str):
+            object.__setattr__(self, "model", tuple(map(tuple, self.model)))
             check_directions(self.model)
         elif self.model not in (COMPONENTS, NORM):
             raise InputError(
@@ -64,14 +65,14 @@ class Thrust:
         for name in ("max_acceleration_norm", "min_delta_v"):
             if (value := getattr(self, name)) is not None:
                 check_range(name, value, 1e-12, 1e6)
+        object.__setattr__(self, "no_burn", tuple(map(tuple, self.no_burn)))
         check_windows(self.no_burn)
+        check_choice("objective", self.objective, get_args(Objective))
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> "Thrust":
         """The thrust of such fields, as files have them, with lists."""
-        model, no_burn = fields["model"], tuple(map(tuple, fields["no_burn"]))
-        model = model if isinstance(model, str) else tuple(map(tuple, model))
-        return cls(**{**fields, "model": model, "no_burn": no_burn})
+        return cls(**fields)
 
     @property
     def directions(self) -> Float[Array, "K 3"] | None:

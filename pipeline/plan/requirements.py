@@ -92,6 +92,11 @@ class Requirements:
                 f"passive safety is asked for over {self.passive_safety:g} orbits; expected a "
                 f"number above 0 and at most {MOST_ORBITS:g}."
             )
+        if self.risk is not None and not isinstance(self.risk, RiskLimit):
+            raise InputError(
+                f"risk is {self.risk!r}; expected a RiskLimit, with the errors that it is of, such "
+                "as RiskLimit(0.001, navigation_sigma=0.05)."
+            )
         besides = {"passive safety": self.passive_safety, "a risk": self.risk}
         for what, asked in besides.items():
             if asked is not None and self.at_nodes:

@@ -37,8 +37,13 @@ class NetworkPlanner:
 
         On another orbit or time grid than that of its training the network answers with the same
         weights; what that is worth the certificate says. InputError where they do not fit the
-        nodes.
+        nodes, or where sizes differ.
         """
+        if len(sizes := {scenario.n for scenario in scenarios}) > 1:
+            raise InputError(
+                f"scenarios have {sorted(sizes)} craft; expected one size for a network: plan those "
+                "of each size by themselves."
+            )
 
         def answer(batch: Batch) -> Float[Array, "n _ 3"]:
             problem, model, shape = batch.problem, self.model, (len(scenarios), -1, 6)

@@ -6,11 +6,12 @@ from itertools import combinations, groupby
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_range, check_vector
 from pipeline.orbit.arrays import States, Values
 from pipeline.orbit.problem import Problem
 
 ON_GRID = 1e-6  # share of an interval by which a waypoint's time may be off its node
+LATEST = 1e12  # s, later than any transfer ends
 MOST_CHOICES = 400  # ways in which the open times of a craft's waypoints can be chosen, at most
 
 
@@ -29,6 +30,14 @@ class Waypoint:
     position: tuple[float, float, float]
     velocity: tuple[float, float, float] | None = None
     time: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no place or no time."""
+        for name in ("position", "velocity"):
+            if (value := getattr(self, name)) is not None:
+                check_vector(f"{name} of a waypoint", value)
+        if self.time is not None:
+            check_range("time of a waypoint", self.time, 0.0, LATEST)
 
     def node(self, problem: Problem) -> int | None:
         """The node of its time, or None."""

@@ -16,6 +16,7 @@ def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
             [*forked.command, *arguments], input=given, capture_output=True, text=True, cwd=tmp_path
         )
         assert done.returncode == 0, done.stderr
+        assert "The plan is" not in done.stderr  # it has no name
         return done.stdout
 
     scenario = through("scenario", "new", "-", "--n", "3")

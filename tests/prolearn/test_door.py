@@ -28,6 +28,37 @@ def plan():
     return prolearn.plan(swap())
 
 
+AXES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: prolearn.Waypoint(0, (1, 2)), r"position of a waypoint is \(1, 2\); expected 3"),
+        (lambda: prolearn.Waypoint(0, (NAN, 0, 0)), "position of a waypoint"),
+        (lambda: prolearn.Waypoint(0, (0, 0, 0), (0, NAN, 0)), "velocity of a waypoint"),
+        (lambda: prolearn.Waypoint(0, (0, 0, 0), time=NAN), "time of a waypoint is nan"),
+        (lambda: prolearn.Box((-1, -1), (1, 1)), "min of a box"),
+        (lambda: prolearn.Cone((0, NAN, 0), (0, 1, 0), 10), "apex of a cone"),
+        (lambda: prolearn.Obstacle("o", (0,) * 6, semi_axes=(1, 2)), "semi_axes of obstacle 'o'"),
+        (lambda: prolearn.Thrust(objective="least"), "objective is 'least'; expected total or"),
+        (lambda: replace(swap().problem, thrust="norm"), "thrust is 'norm'; expected Thrust"),
+        (lambda: prolearn.plan(swap(), risk=1e-3), "risk is 0.001; expected a RiskLimit"),
+        (lambda: prolearn.tradeoff(swap(), NAN, 1200), "duration is nan to 1200 s"),
+    ],
+)
+def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
+    with pytest.raises(InputError, match=words):
+        wrong()
+
+
+def test_thrust_may_be_made_of_lists():
+    lists = prolearn.Thrust([*map(list, AXES)], no_burn=[[100, 200]])
+    assert lists == prolearn.Thrust(tuple(AXES), no_burn=((100, 200),))
+    assert hash(lists) == hash(prolearn.Thrust(tuple(AXES), no_burn=((100, 200),)))
+
+
 def is_sound(plan):
     document = json.loads(json.dumps(plan_document(plan), allow_nan=False))
     return judge_plan(document["scenario"], document).wrong == ()

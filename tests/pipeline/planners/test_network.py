@@ -208,3 +208,9 @@ def test_a_network_is_told_the_collision_radius_of_the_scenario(gentle):
 def test_a_refiner_is_asked_about_any_orbit_and_grid():
     other = Problem(nodes=7, time_step=60.0).about(ReferenceOrbit(8e6, 0.1))
     check_problem(packaged(), other, "data")
+
+
+def test_swarms_of_several_sizes_are_refused_as_networks_answer_in_one_array():
+    sizes = [draw("rings", 2, n, 0, PROBLEM) for n in (2, 4)]
+    with pytest.raises(InputError, match=r"scenarios have \[2, 4\] craft; expected one size"):
+        planner().plan(sizes)
