@@ -41,8 +41,8 @@ class NetworkPlanner:
         """
         if len(sizes := {scenario.n for scenario in scenarios}) > 1:
             raise InputError(
-                f"scenarios have {sorted(sizes)} craft; expected one size for a network: plan those "
-                "of each size by themselves."
+                f"scenarios have {sorted(sizes)} craft; expected one size for a network: plan "
+                "those of each size by themselves."
             )
 
         def answer(batch: Batch) -> Float[Array, "n _ 3"]:
