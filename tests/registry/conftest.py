@@ -18,7 +18,6 @@ from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
-from pipeline.figures.style import RC
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
@@ -42,12 +41,6 @@ def examples(count: int, first: int) -> Examples:
     return Examples(
         problem, initial, goal, fly(initial, minimum_energy(initial, goal, problem), problem)
     )
-
-
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures of few pixels, at which no test here looks."""
-    monkeypatch.setitem(RC, "savefig.dpi", 40)
 
 
 @pytest.fixture(scope="session")
