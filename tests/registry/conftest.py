@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,14 @@ def examples(count: int, first: int) -> Examples:
     return Examples(
         problem, initial, goal, fly(initial, minimum_energy(initial, goal, problem), problem)
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def known_schema() -> None:
+    """MLflow reads all its migrations whenever a store is opened, to find which is the newest."""
+    from mlflow.store.db import utils
+
+    utils._get_latest_schema_revision = cache(utils._get_latest_schema_revision)
 
 
 @pytest.fixture(scope="session")

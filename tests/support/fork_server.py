@@ -116,6 +116,7 @@ def command() -> Any:
 
 def do_first() -> None:
     """Do what is slow the first time in a process, and the same in all."""
+    from mlflow.store.db import utils
     from mlflow.utils import requirements_utils
     from typer.testing import CliRunner
 
@@ -124,6 +125,8 @@ def do_first() -> None:
     for parts in (TRAINED_BY, EVALUATED_BY):
         environment_tags(parts)  # a digest of their code
     command()
+    utils._get_latest_schema_revision = cache(utils._get_latest_schema_revision)
+    utils._get_latest_schema_revision()  # reads all of MLflow's migrations
     requirements_utils._init_packages_to_modules_map()  # looks into every installed package
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         for arguments in FIRST:
