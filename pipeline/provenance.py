@@ -35,13 +35,19 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
     for path in sorted(files):
-        tree = ast.parse(path.read_bytes())
-        for node in ast.walk(tree):
-            if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-                del node.body[0]
-        content = "\n".join(_described(tree)).encode()
+        content = _meaning(path.read_bytes())
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
+
+
+@cache
+def _meaning(source: bytes) -> bytes:
+    """What a module does, of which several digests are made in a process."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            del node.body[0]
+    return "\n".join(_described(tree)).encode()
 
 
 def _described(tree: ast.Module) -> Iterator[str]:

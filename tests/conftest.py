@@ -74,6 +74,14 @@ settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def coarse() -> None:
+    """Figures of few pixels, at which no test looks."""
+    from pipeline.figures.style import RC
+
+    RC["savefig.dpi"] = 40
+
+
 @pytest.fixture(scope="session")
 def forked(testrun_uid: str) -> Iterator[Forked]:
     """What runs commands and code in processes of their own, without the imports of each."""

@@ -8,14 +8,6 @@ from subprocess import CompletedProcess
 import pytest
 from forked import Forked
 
-from pipeline.figures.style import RC
-
-
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures of few pixels where a command runs in the test's own process."""
-    monkeypatch.setitem(RC, "savefig.dpi", 40)
-
 
 @pytest.fixture
 def prolearn(forked: Forked, tmp_path: Path) -> Callable[..., CompletedProcess[str]]:

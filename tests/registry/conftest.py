@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
-from pipeline.figures.style import RC
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
@@ -44,10 +44,12 @@ def examples(count: int, first: int) -> Examples:
     )
 
 
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures of few pixels, at which no test here looks."""
-    monkeypatch.setitem(RC, "savefig.dpi", 40)
+@pytest.fixture(scope="session", autouse=True)
+def known_schema() -> None:
+    """MLflow reads all its migrations whenever a store is opened, to find which is the newest."""
+    from mlflow.store.db import utils
+
+    utils._get_latest_schema_revision = cache(utils._get_latest_schema_revision)
 
 
 @pytest.fixture(scope="session")

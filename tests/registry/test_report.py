@@ -14,7 +14,6 @@ from cli.jobs.report import report
 from cli.main import app
 from cli.settings import Evaluation, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
-from pipeline.figures.style import RC
 from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
@@ -41,7 +40,6 @@ def place(
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        patch.setitem(RC, "savefig.dpi", 40)
         return path, experiments(solved, trained, trained_lstm, recipe)
 
 

@@ -6,6 +6,7 @@ from forces whose derivatives are complex steps. Axes are LVLH (x radial, y alon
 cross-track).
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -40,7 +41,10 @@ def true_anomaly(a: float, e: float, begin: float, time: float) -> float:
     mean = first - e * np.sin(first) + np.sqrt(MU / a**3) * time
     eccentric = mean
     for _ in range(100):
-        eccentric -= (eccentric - e * np.sin(eccentric) - mean) / (1 - e * np.cos(eccentric))
+        left = eccentric - e * math.sin(eccentric) - mean
+        eccentric -= left / (1 - e * math.cos(eccentric))
+        if abs(left) < 1e-15 * max(1.0, abs(mean)):
+            break
     tangent = np.tan(eccentric / 2)
     return eccentric + 2 * np.arctan2((1 / half - 1) * tangent, 1 + tangent**2 / half)
 

@@ -66,7 +66,7 @@ def test_it_is_a_dynamics():
 
 
 @pytest.mark.parametrize("nu", [0.0, 100.0, 180.0, 300.0])
-@pytest.mark.parametrize("e", [0.0, 0.01, 0.1, 0.5, 0.8, 0.85])
+@pytest.mark.parametrize("e", [0.0, 0.01, 0.1, 0.5, 0.85])
 def test_about_a_keplerian_orbit_maps_are_those_of_yamanaka_and_ankersen(e, nu):
     """From short intervals to longer ones than an orbit, in an interval and between nodes."""
     orbit = orbit_of(e, nu=nu, j2=False)
