@@ -2,7 +2,8 @@
 
 The decoupled optimum of every craft comes first: it is the lower bound, and craft without conflict
 keep it. Craft that come too close form clusters, and each cluster is solved jointly with
-half-space cuts linearized about a trajectory. The iteration cannot cycle:
+half-space cuts linearized about a trajectory, or in parts where it is large. The iteration cannot
+cycle:
 
 - cuts, once made, are kept;
 - as long as the linearization point breaks a cut, the newest iterate takes its place;
