@@ -112,11 +112,15 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
     """Write a figure as ``path`` with each suffix, laid out once; same figure, same bytes."""
     for text in figure.findobj(Text):
         text.set_text(visible(text.get_text()))
+    # Laid out here, since ``savefig`` would draw it once more for that.
+    figure.set_dpi(RC["savefig.dpi"])
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
     facts = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
     for suffix in suffixes:
         with published(path.with_name(path.name + suffix)) as temporary:
             figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
-        figure.set_layout_engine(None)  # after "none" each further file would draw it twice
 
 
 SPREAD = 20.0  # values whose largest is so many times the smallest positive one get a log scale
