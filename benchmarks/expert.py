@@ -1,4 +1,4 @@
-"""How fast the expert is on other grids, in dense swarms and in batches.
+"""Benchmark of the expert's run time: other time grids, dense swarms, batches.
 
     python -m benchmarks.expert --out reports/bench
 

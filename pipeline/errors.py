@@ -21,7 +21,7 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
 
 
 def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
-    """Refuse what is not so many finite numbers with an InputError that names what it is of."""
+    """Refuse a vector of another size or with values that are not finite, by an InputError."""
     if len(given) != size or not all(map(isfinite, given)):
         raise InputError(f"{name} is {tuple(given)}; expected {size} finite numbers.")
 

@@ -152,7 +152,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
 
 
 def _open(uri: str, locations: Mapping[str, str | None], written: Path | None = None) -> Store:
-    """The store of an address; ``written`` is the SQLite file where runs will be added to it."""
+    """Open the tracking store at a URI; ``written`` is its SQLite file where runs will be added."""
     given = os.environ.get("MLFLOW_TRACKING_URI")
     mlflow.set_tracking_uri(uri)
     # MLflow writes the address into the environment, where it would outlive a change of folder.

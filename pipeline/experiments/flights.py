@@ -95,7 +95,7 @@ def _flown(
     seed: int,
     part: tuple[int, Scenario, Sequence[str]],
 ) -> pd.DataFrame:
-    """The rows of a scenario; the flights of a loop in a world side by side.
+    """Rows of experiment 5 for one scenario: every planner's plans in every world and loop.
 
     In the part's worlds plans fly in all loops, with and without errors; elsewhere without errors
     in open loop.

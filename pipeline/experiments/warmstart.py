@@ -63,7 +63,7 @@ def _started(
     seeds: Mapping[Source, SeedMaker],
     part: tuple[Scenario, int, Mapping[str, Optimize]],
 ) -> pd.DataFrame:
-    """The rows of a scenario, by its number, under each rule of the optimizer."""
+    """Rows of experiment 3 for one scenario: every seed under each stopping rule."""
     scenario, trial, rules = part
     sources = list(seeds)
     first, rows = trial % len(sources), []

@@ -5,8 +5,9 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.subproblem import Basis, Optimum
 
-# Craft of a cluster from which on a program begins with the basis of the last one. In smaller ones
-# that saves nothing, since programs are linearized anew, and of several optima might find another.
+# Craft of a cluster from which on a program begins with the basis of the last one, and may be
+# solved in parts. In smaller clusters that saves nothing, since programs are linearized anew, and
+# of several optima might find another.
 VAST = 1000
 
 

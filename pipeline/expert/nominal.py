@@ -8,10 +8,10 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.expert.batch import Batch
+from pipeline.expert.clusters import cluster_labels
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.impulse_bit import without_small_burns
 from pipeline.expert.incumbents import SearchResult
-from pipeline.expert.neighbourhoods import cluster_labels
 from pipeline.expert.scp import Search, SearchProblem, Seeds
 from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings

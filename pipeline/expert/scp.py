@@ -2,8 +2,8 @@
 
 The decoupled optimum of every craft comes first: it is the lower bound, and craft without conflict
 keep it. Craft that come too close form clusters, and each cluster is solved jointly with
-half-space cuts linearized about a trajectory, or in parts where it is large. The iteration cannot
-cycle:
+half-space cuts linearized about a trajectory; of a large one, from some round on, only craft near
+unsafe ones are solved for, with the controls of all others fixed. The iteration cannot cycle:
 
 - cuts, once made, are kept;
 - as long as the linearization point breaks a cut, the newest iterate takes its place;
@@ -20,20 +20,19 @@ side by side: operations on all craft act on all scenarios at once.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.expert.bases import Bases
+from pipeline.expert.bases import VAST, Bases
 from pipeline.expert.batch import Batch
+from pipeline.expert.clusters import cluster_labels, groups, neighbourhoods, with_others_fixed
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.incumbents import SLACK_TOLERANCE, Incumbents, SearchResult
 from pipeline.expert.limited import of_program, settled
-from pipeline.expert.neighbourhoods import about_some, cluster_labels, neighbourhoods
 from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Basis, Optimum, Subproblem, UnsolvableError
@@ -55,14 +54,6 @@ LARGE = 200  # craft of a cluster from which on only pairs of craft that moved a
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
 Seeds = Sequence[Float[Array, "_ intervals 3"] | None]  # controls that fly a seed, or None
-
-
-def _groups(labels: Indices) -> list[Int[Array, "_"]]:
-    """Indices of the entries of each label that occurs, by label, ascending."""
-    order = labels.argsort(kind="stable")
-    ordered = labels.take(order)
-    ends = (ordered[1:] != ordered[:-1]).nonzero()[0] + 1
-    return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +149,7 @@ class Search:
         if not start:
             return 0.0
         shift = np.zeros((len(self.cuts), 3))
-        for of_swarm in _groups(self.swarm[self.cuts.first]):
+        for of_swarm in groups(self.swarm[self.cuts.first]):
             rng = np.random.default_rng(start)
             scale = self.problem.collision_radius * SHIFT
             shift[of_swarm] = rng.normal(scale=scale, size=(len(of_swarm), 3))
@@ -210,7 +201,7 @@ class Search:
         # The cluster of each craft.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
         label = self.labels[cuts.first]
-        self.cuts_of = {int(label[one[0]]): one for one in _groups(label)}
+        self.cuts_of = {int(label[one[0]]): one for one in groups(label)}
 
     def _raise_back_off(self, flown: Trajectory) -> None:
         """Raise back-offs to those of a trajectory; if they fell, burns and errors might cycle."""
@@ -222,7 +213,7 @@ class Search:
         there = np.zeros(len(self.labels), dtype=bool)
         there[self.labels[touched]] = True
         craft = np.flatnonzero(there[self.labels])
-        return [craft[one] for one in _groups(self.labels[craft])]
+        return [craft[one] for one in groups(self.labels[craft])]
 
     def _distances(self, flown: Trajectory) -> Values:
         """Separation of each cut's pair in a trajectory, less its back-off, m."""
@@ -255,50 +246,66 @@ class Search:
         return [craft for craft in clusters if not self.failed[craft].any()]
 
     def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
-        """Solve a cluster's program or, of a large one, those of craft near unsafe ones.
+        """Solve a cluster's program, or subproblems of a large one.
 
-        Where that leaves slack, craft further away may have to move as well.
+        Where these leave slack, craft further away may have to move as well.
         """
-        cuts = self.cuts_of[int(craft[0])]
-        whole = self.batch.weight is not None  # in the largest share all craft count
-        parts = [craft] if whole else neighbourhoods(craft, self.cuts[cuts], self.unsafe)
-        tight = [part for part in parts if self._solve_part(part, cuts, planes) > SLACK_TOLERANCE]
-        if not tight or len(parts[0]) == len(craft):
-            return
-        near = np.zeros(len(self.swarm), dtype=bool)
-        near[np.concatenate(tight)] = True
-        for part in neighbourhoods(craft, self.cuts[cuts], near):
-            self._solve_part(part, cuts, planes)
+        cuts, near = self.cuts_of[int(craft[0])], self.unsafe
+        # In the largest share all craft count.
+        divisible = len(craft) >= VAST and self.batch.weight is None
+        for _ in range(2):
+            parts = neighbourhoods(craft, self.cuts[cuts], near) if divisible else []
+            if not parts:
+                self._solve_whole(craft, cuts, planes[cuts])
+                return
+            tight = [part for part in parts if self._solve_part(part, cuts, planes)]
+            if not tight:
+                return
+            near = np.zeros(len(self.swarm), dtype=bool)
+            near[np.concatenate(tight)] = True
 
-    def _solve_part(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> float:
-        """Solve the program of some craft of a cluster with such cuts; the largest slack, m."""
-        whole = len(craft) == np.count_nonzero(self.labels == self.labels[craft[0]])
-        if not whole:
-            mine = np.zeros(len(self.swarm), dtype=bool)
-            mine[craft] = True
-            cuts = cuts[mine[self.cuts.first[cuts]] | mine[self.cuts.second[cuts]]]
-        best = self._optimum(craft, cuts, planes, self.bases.last(craft, cuts) if whole else None)
-        if whole:
-            self.bases.keep(craft, cuts, best)
+    def _solve_whole(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> None:
+        """Solve the program of all craft of a cluster."""
+        ends = self.cuts.first[cuts], self.cuts.second[cuts]
+        i, j = (np.searchsorted(craft, end) for end in ends)
+        best = self._optimum(craft, i, j, planes, self.bases.last(craft, cuts))
+        self.bases.keep(craft, cuts, best)
+        self._keep(craft, cuts, best)
+
+    def _solve_part(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> bool:
+        """Solve the subproblem of some craft of a cluster; whether it leaves slack."""
+        free = np.zeros(len(self.swarm), dtype=bool)
+        free[craft] = True
+        cuts = cuts[free[self.cuts.first[cuts]] | free[self.cuts.second[cuts]]]
+        fixed = with_others_fixed(craft, self.cuts[cuts], planes[cuts], self.iterate.controls)
+        best = self._optimum(craft, *fixed)
+        self._keep(craft, cuts, best)
+        return float(best.slack.max()) > SLACK_TOLERANCE
+
+    def _keep(self, craft: Cluster, cuts: Int[Array, "_"], best: Optimum) -> None:
+        """Make a program's optimum the newest iterate of its craft; note duals and slack."""
         self.iterate.controls[craft] = best.controls.reshape(len(craft), -1, 3)
         self.dual[cuts] = best.dual
         k = int(best.slack.argmax())
         i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
         self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
-        return float(best.slack[k])
 
     def _optimum(
-        self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces, last: Basis | None
+        self,
+        craft: Cluster,
+        first: Indices,
+        second: Indices,
+        planes: HalfSpaces,
+        last: Basis | None = None,
     ) -> Optimum:
+        """Solve one program, of half-spaces between craft by their indices in it."""
         batch, basis = self.batch, self.batch.optima.basis
-        bound = about_some(craft, self.cuts[cuts], planes[cuts], self.iterate.controls)
-        first, second, half_spaces = bound
         sub = Subproblem(
             reach=transfer_maps(self.problem).reach[-1],
             miss=self.batch.miss[craft],
             first=first,
             second=second,
-            **vars(half_spaces),
+            **vars(planes),
             limit=control_limit(self.problem),
             penalty=PENALTY / self.problem.time_step**2,
             unit=float(self.batch.unit[self.swarm[craft[0]]]),

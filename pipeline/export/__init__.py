@@ -16,7 +16,7 @@ __all__ = ["FORMATS", "Format", "write_plan_as"]
 
 @dataclass(frozen=True)
 class Format:
-    """A file format of plans: a file for all craft, or a folder with a file for each."""
+    """An export format of plans: one file for all craft, or a folder with a file for each."""
 
     write: Callable[..., list[Path] | None]  # its files, where it writes a folder
     suffix: str = ""  # of the file; a folder has none, and its files have the plan's name in them

@@ -62,7 +62,10 @@ class Arcs:
 
 @dataclass(frozen=True)
 class LinearizedDynamics:
-    """Motion relative to a reference orbit to first order, as in ``ClohessyWiltshire``."""
+    """Linearized relative motion about any orbit, by its own maps in each interval.
+
+    States and controls are as in ``ClohessyWiltshire``.
+    """
 
     orbit: ReferenceOrbit
     time_step: float  # length of an interval, s
@@ -70,7 +73,7 @@ class LinearizedDynamics:
 
     @property
     def fastest(self) -> float:
-        """As ``ClohessyWiltshire.fastest``."""
+        """Largest angular rate of the reference, rad/s."""
         return self.orbit.fastest
 
     @property
@@ -79,7 +82,10 @@ class LinearizedDynamics:
         return arcs_of(self.orbit, self.time_step, self.intervals)
 
     def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
-        """As ``ClohessyWiltshire.step``, for times within the interval."""
+        """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
+
+        Or from some s ``since`` its start; within the interval alone.
+        """
         A, B = self._from_start(np.asarray(time) + since, interval)
         if np.any(since):
             before, pushed = self._from_start(since, interval)
@@ -98,7 +104,7 @@ class LinearizedDynamics:
         return maps[..., :6], maps[..., 6:]
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
-        """As ``ClohessyWiltshire.drift``."""
+        """A from one node to another, without control; intervals may lie beyond the plan's."""
         furthest = max(int(np.max(one, initial=0)) for one in (first, last))
         nodes = _nodes(self.orbit, self.time_step, self._count(furthest - 1))
         return nodes[last] @ np.linalg.inv(nodes[first])
@@ -114,13 +120,13 @@ class LinearizedDynamics:
     def most_acceleration(
         self, start: AnyState, control: Vector, time: float, interval: Interval
     ) -> Scalar:
-        """As ``ClohessyWiltshire.most_acceleration``, in the whole interval."""
+        """Upper bound on ‖p̈‖ in an interval, m/s², whatever the time."""
         return _most(self._covering(interval).most_acceleration[interval], start, control)
 
     def most_fourth_derivative(
         self, start: AnyState, control: Vector, interval: Interval, since: Since = 0.0
     ) -> Scalar:
-        """As ``ClohessyWiltshire.most_fourth_derivative``."""
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴: the error of a cubic interpolant."""
         if np.any(since):
             before, pushed = self._from_start(since, interval)
             start = np.matvec(np.linalg.inv(before), start - np.matvec(pushed, control))

@@ -31,7 +31,7 @@ class Nearest:
     time: Float[Array, "trials"]  # when, s since the plan's first node
 
     def separation(self) -> Separation:
-        """The least separation of the first trial."""
+        """Least separation of any pair in the first trial; infinite for a craft alone."""
         if self.first[0] < 0:
             return Separation()
         pair = int(self.first[0]), int(self.second[0])

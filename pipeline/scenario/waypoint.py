@@ -32,7 +32,7 @@ class Waypoint:
     time: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no place or no time."""
+        """Check that position, velocity and time are finite; InputError where they are not."""
         for name in ("position", "velocity"):
             if (value := getattr(self, name)) is not None:
                 check_vector(f"{name} of a waypoint", value)

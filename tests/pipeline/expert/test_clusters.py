@@ -1,10 +1,9 @@
-"""Large clusters are solved in parts: about unsafe craft, with all others held as they fly."""
+"""Clusters of the conflict graph, and subproblems of large ones with other craft fixed."""
 
 import numpy as np
 import pytest
 
-from pipeline.expert import neighbourhoods as parts_of
-from pipeline.expert import solve
+from pipeline.expert import clusters, solve
 from pipeline.expert.cuts import HalfSpaces, cuts_at
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
@@ -20,18 +19,16 @@ def chain(n):
     return cuts_at(each, each + 1, np.zeros_like(each), np.zeros(n - 1), Problem())
 
 
-def test_parts_are_the_craft_within_two_cuts_of_unsafe_ones(monkeypatch):
-    monkeypatch.setattr(parts_of, "VAST", 10)
+def test_parts_are_the_craft_within_two_cuts_of_unsafe_ones():
     unsafe = np.isin(np.arange(20), [4, 16])
-    found = parts_of.neighbourhoods(np.arange(20), chain(20), unsafe)
+    found = clusters.neighbourhoods(np.arange(20), chain(20), unsafe)
     assert [part.tolist() for part in found] == [[2, 3, 4, 5, 6], [14, 15, 16, 17, 18]]
 
 
 @pytest.mark.parametrize("unsafe", [[], [0, 5, 10, 15]])
-def test_a_cluster_is_solved_whole_where_none_or_most_of_it_is_unsafe(monkeypatch, unsafe):
-    monkeypatch.setattr(parts_of, "VAST", 10)
-    (whole,) = parts_of.neighbourhoods(np.arange(20), chain(20), np.isin(np.arange(20), unsafe))
-    assert whole.tolist() == list(range(20))
+def test_a_cluster_is_solved_whole_where_none_or_most_of_it_is_unsafe(unsafe):
+    marked = np.isin(np.arange(20), unsafe)
+    assert clusters.neighbourhoods(np.arange(20), chain(20), marked) == []
 
 
 @pytest.mark.parametrize("alike", [True, False])
@@ -43,7 +40,7 @@ def test_half_spaces_about_some_craft_are_missed_by_as_much_as_those_about_all(a
     other = row if alike else other
     planes = HalfSpaces(row, RNG.normal(size=5), None if alike else other)
     some, flat = np.array([1, 2, 4]), controls.reshape(6, 30)
-    first, second, bound = parts_of.about_some(some, cuts, planes, controls)
+    first, second, bound = clusters.with_others_fixed(some, cuts, planes, controls)
     mine = flat[some]
     margin = np.vecdot(row, flat[pairs[:, 0]]) - np.vecdot(other, flat[pairs[:, 1]])
     found = np.vecdot(bound.row, mine[first]) - np.vecdot(bound.other, mine[second])
@@ -65,8 +62,8 @@ def test_plans_of_clusters_in_parts_are_safe_and_cost_what_whole_ones_do(
 ):
     scenarios = [draw(family, 3, n, index, problem) for index in range(3)]
     whole = [solve(scenario, requirements=asked) for scenario in scenarios]
-    monkeypatch.setattr(parts_of, "VAST", 4)
-    monkeypatch.setattr(parts_of, "HOPS", 0)
+    monkeypatch.setattr("pipeline.expert.scp.VAST", 4)
+    monkeypatch.setattr(clusters, "HOPS", 0)
     parts = [solve(scenario, requirements=asked) for scenario in scenarios]
     assert any(
         (one.controls != other.controls).any() for one, other in zip(whole, parts, strict=True)

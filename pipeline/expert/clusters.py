@@ -1,0 +1,82 @@
+"""Clusters: connected components of the conflict graph, and subproblems of large ones.
+
+In a subproblem only craft near unsafe ones move; the controls of all others are fixed.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.arrays import Array, Int
+from pipeline.expert.cuts import Cuts, HalfSpaces
+from pipeline.orbit.arrays import Controls, Indices, Marked
+
+HOPS = 2  # edges of the conflict graph from an unsafe craft to the furthest one that moves
+MOST = 0.5  # share of a cluster's craft up to which only these are solved for
+
+
+def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
+    """Label of each connected component of the conflict graph: its lowest index.
+
+    Labels are handed on along cuts until none changes; for graphs this small that takes a tenth
+    of the time of a general routine, which would take as long as the program it prepares.
+    """
+    labels = np.arange(n)
+    while True:
+        lowest = np.minimum(labels[first], labels[second])
+        joined = labels.copy()
+        np.minimum.at(joined, first, lowest)
+        np.minimum.at(joined, second, lowest)
+        if (joined == labels).all():
+            return labels
+        labels = joined
+
+
+def groups(labels: Indices) -> list[Int[Array, "_"]]:
+    """Indices of the entries of each label that occurs, by label, ascending."""
+    order = labels.argsort(kind="stable")
+    ordered = labels.take(order)
+    ends = (ordered[1:] != ordered[:-1]).nonzero()[0] + 1
+    return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
+
+
+def neighbourhoods(craft: Int[Array, "_"], cuts: Cuts, unsafe: Marked) -> list[Int[Array, "_"]]:
+    """The connected parts of a cluster within ``HOPS`` of unsafe craft, by the cluster's cuts.
+
+    None where they are most of the cluster. No cut joins craft of two parts.
+    """
+    near = unsafe.copy()
+    for _ in range(HOPS):
+        met = near[cuts.first] | near[cuts.second]
+        near[cuts.first[met]] = near[cuts.second[met]] = True
+    free = craft[near[craft]]
+    if len(free) == 0 or len(free) > MOST * len(craft):
+        return []
+    inside = near[cuts.first] & near[cuts.second]
+    ends = (np.searchsorted(free, one[inside]) for one in (cuts.first, cuts.second))
+    return [free[one] for one in groups(cluster_labels(len(free), *ends))]
+
+
+def with_others_fixed(
+    craft: Int[Array, "_"], cuts: Cuts, planes: HalfSpaces, controls: Controls
+) -> tuple[Indices, Indices, HalfSpaces]:
+    """Half-spaces of some craft, with the controls of all others, m/s², moved to their right side.
+
+    Of each half-space at least one craft is among those. Its first and second craft, as indices
+    among them, come first; where one of the two is fixed, both are the other one.
+    """
+    place = np.full(len(controls), -1)
+    place[craft] = np.arange(len(craft))
+    i, j = place[cuts.first], place[cuts.second]
+    first_fixed, second_fixed = i < 0, j < 0
+    fixed = first_fixed | second_fixed
+    flat = controls.reshape(len(controls), -1)
+    row = planes.row
+    other = row if planes.other is None else planes.other
+    required = planes.required.copy()
+    required[first_fixed] -= np.vecdot(row, flat[cuts.first])[first_fixed]
+    required[second_fixed] += np.vecdot(other, flat[cuts.second])[second_fixed]
+    alone = np.where(first_fixed[:, None], -other, row)
+    none = np.where(fixed[:, None], 0.0, other)
+    both = np.where(first_fixed, j, i), np.where(second_fixed, i, j)
+    return *both, HalfSpaces(alone, required, none)
