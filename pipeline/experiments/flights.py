@@ -1,7 +1,7 @@
 """Runs of experiment 5: plans flown in other worlds, with errors, in open and closed loop."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, product
 
@@ -85,8 +85,15 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearW
     return found
 
 
-Way = tuple[Plan, str, str, str, Loop]
-"""A plan, the model that it was made for, and the world, errors and loop that it flies in."""
+@dataclass(frozen=True, eq=False)
+class FlightCase:
+    """A plan of some planner, the model that it was made for, and how it is flown."""
+
+    plan: Plan
+    planned: str
+    world: str
+    errors: str
+    loop: Loop
 
 
 def _flown(
@@ -106,17 +113,18 @@ def _flown(
     worlds: dict[str, World] = {records.LINEAR: LinearWorld(problem.dynamics), **nonlinear}
     tables = []
     for one in planners:
-        for plan, planned, world, errors, loop in _ways(one.planner, scenario, in_loops, nonlinear):
-            count = 1 if errors == records.NO_ERRORS else flights
+        for case in _cases(one.planner, scenario, in_loops, nonlinear):
+            plan, loop = case.plan, case.loop
+            count = 1 if case.errors == records.NO_ERRORS else flights
             draws = range(first, first + count)
-            flown = loop.fly(scenario, worlds[world], MAGNITUDES[errors], draws, seed)
+            flown = loop.fly(scenario, worlds[case.world], MAGNITUDES[case.errors], draws, seed)
             unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
             if plan.certificate.risk:
                 unsafe = float(plan.status != SOLVED)
             rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
-                planned=planned,
-                world=world,
-                errors=errors,
+                planned=case.planned,
+                world=case.world,
+                errors=case.errors,
                 loop=loop.name,
                 flight=range(count),
                 within_radius=flown["min_separation"] <= problem.collision_radius,
@@ -132,31 +140,31 @@ def _flown(
     return pd.concat(tables).assign(n=scenario.n, trial=trial)[columns]
 
 
-def _ways(
+def _cases(
     planner: Planner,
     scenario: Scenario,
     in_loops: Sequence[str],
     worlds: Mapping[str, NonlinearWorld],
-) -> Iterator[Way]:
-    """All ways to fly one planner's plans of a scenario."""
+) -> Iterator[FlightCase]:
+    """All cases in which one planner's plans of a scenario are flown."""
     baseline, exact = planner.name in BASELINES, records.NO_ERRORS
     (plan,) = planner.plan([scenario])
     every = flight_loops(plan, COLD_GAS, planner)
     loops = list(islice(every, 2) if baseline else every)
     for world, errors, loop in product(in_loops, MAGNITUDES, loops):
         if errors != exact or loop.name != records.MARGIN:
-            yield plan, records.LINEAR, world, errors, loop
+            yield FlightCase(plan, records.LINEAR, world, errors, loop)
     for world in in_loops:
         kept, planned = plan, records.LINEAR
         if not baseline:
             kept, planned = _with_risk(planner, scenario, worlds.get(world))
         loop = Loop(FEEDBACK, kept.controls, kept.states)
-        yield kept, planned, world, records.WITH_ERRORS, loop
+        yield FlightCase(kept, planned, world, records.WITH_ERRORS, loop)
     for orbit, there in {} if baseline else worlds.items():
         if orbit not in in_loops:
-            yield plan, records.LINEAR, orbit, exact, Loop(OPEN, plan.controls)
+            yield FlightCase(plan, records.LINEAR, orbit, exact, Loop(OPEN, plan.controls))
         (flown,) = AsFlown(planner, there.orbit).plan([scenario])
-        yield flown, records.AS_FLOWN, orbit, exact, Loop(OPEN, flown.controls)
+        yield FlightCase(flown, records.AS_FLOWN, orbit, exact, Loop(OPEN, flown.controls))
 
 
 def _with_risk(

@@ -1,6 +1,5 @@
 """Plans as files that other tools read: tables, orbit data messages, a script for a simulator."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,19 +17,18 @@ __all__ = ["FORMATS", "Format", "write_plan_as"]
 class Format:
     """An export format of plans: one file for all craft, or a folder with a file for each."""
 
-    write: Callable[..., list[Path] | None]  # its files, where it writes a folder
-    suffix: str = ""  # of the file; a folder has none, and its files have the plan's name in them
+    suffix: str = ""  # of the file; a folder has none
     text: bool = True
     masses: tuple[str, ...] = ()  # that it has a place for: mass, specific_impulse
 
 
 FORMATS = {
-    "oem": Format(write_ephemerides),
-    "opm": Format(write_parameters, masses=("mass", "specific_impulse")),
-    "csv": Format(write_csv, ".csv"),
-    "parquet": Format(write_parquet, ".parquet", text=False),
-    "burns": Format(write_burns, ".burns.csv", masses=("mass", "specific_impulse")),
-    "basilisk": Format(write_basilisk, ".basilisk.py", masses=("mass",)),
+    "oem": Format(),
+    "opm": Format(masses=("mass", "specific_impulse")),
+    "csv": Format(".csv"),
+    "parquet": Format(".parquet", text=False),
+    "burns": Format(".burns.csv", masses=("mass", "specific_impulse")),
+    "basilisk": Format(".basilisk.py", masses=("mass",)),
 }
 
 
@@ -53,13 +51,24 @@ def write_plan_as(
         InputError: for masses that the format has no place for, or a plan that cannot be written.
     """
     check_choice("to", to, FORMATS)
-    form = FORMATS[to]
     for known, value in (("mass", mass), ("specific_impulse", specific_impulse)):
-        if value is not None and known not in form.masses:
+        if value is not None and known not in FORMATS[to].masses:
             raise InputError(f"{known} is given, and {to} has no place for it; leave it out.")
     own = [one.mass for one in plan.scenario.craft if one.mass is not None]
     if mass is None and len(own) == plan.scenario.n:
         mass = own
     masses = Masses.of(plan.scenario.n, mass, specific_impulse)
-    names = [] if form.suffix else [name]
-    return form.write(plan, path, *names, *[masses] * bool(form.masses)) or [path]
+    match to:
+        case "oem":
+            return write_ephemerides(plan, path, name)
+        case "opm":
+            return write_parameters(plan, path, name, masses)
+        case "burns":
+            write_burns(plan, path, masses)
+        case "basilisk":
+            write_basilisk(plan, path, masses)
+        case "csv":
+            write_csv(plan, path)
+        case _:
+            write_parquet(plan, path)
+    return [path]
