@@ -20,6 +20,11 @@ os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 # Eight processes of a server for evaluations of language models, which nobody here asks for.
 os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
 
+# A worker that has told its results ends at once, after what registers later: to take apart all
+# that it has imported takes the interpreter seconds.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    atexit.register(os._exit, 0)
+
 shapes.check_once()
 
 LONG = {

@@ -11,6 +11,8 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
@@ -18,8 +20,9 @@ from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 MOST_ECCENTRIC = 0.85
 MOST_TURNS = 10_000  # revolutions after the epoch by which a plan begins
 MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
-TOLERANCE = 1e-9  # of a step along the reference, m; of velocities, in m/s, a thousandth of it
-RELATIVE = 2.3e-14  # tolerance: the least that scipy accepts
+PIECE = 0.15  # by so much the local circular orbit turns in a piece of the reference, rad
+ROUNDING = 1e-14  # share of the distance to the Earth's centre by which the last iteration changes
+ITERATIONS = 40
 
 
 def check_elements(of: Any) -> None:
@@ -176,26 +179,36 @@ class ReferenceOrbit:
 
 @lru_cache(maxsize=32)
 def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
-    from scipy.integrate import solve_ivp  # slow to import, and only other orbits need it
+    """At ascending times since the epoch, by Picard iteration in one piece after another."""
+    wanted, found = np.array(times), np.empty((len(times), 6))
+    state, lost, begin, done = orbit.begin, np.zeros(6), 0.0, 0
+    while done < len(wanted):
+        half = PIECE / 2 * sqrt(float(norm(state[:3])) ** 3 / MU_EARTH)
+        moved = _piece(orbit, state, half)
+        inside = slice(done, int(np.searchsorted(wanted, begin + 2 * half, side="right")))
+        along = basis((wanted[inside] - begin) / half - 1) @ COEFFICIENTS
+        found[inside] = state + along @ moved
+        # Kahan's sum: over many revolutions, rounding of the speed would add up along the orbit.
+        step = moved[-1] + lost
+        done, begin, before, state = inside.stop, begin + 2 * half, state, state + step
+        lost = step - (state - before)
+    return found
 
-    begin = orbit.begin
-    if times[-1] == 0:
-        return np.repeat(begin[None], len(times), axis=0)
-    held = orbit.ballistic or 0.0
 
-    def motion(_: float, state: Float[Array, "6"]) -> Float[Array, "6"]:
-        return np.concatenate([state[3:], orbit.acceleration(state[None], held)[0]])
+def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Float[Array, "q 6"]:
+    """Change of the state at the Chebyshev points of a piece that takes twice ``half``, s.
 
-    solved = solve_ivp(
-        motion,
-        (0.0, times[-1]),
-        begin,
-        method="DOP853",
-        t_eval=times,
-        rtol=RELATIVE,
-        atol=np.repeat([TOLERANCE, TOLERANCE / 1e3], 3),
-        max_step=2 * pi / orbit.mean_motion / 16,
+    By modified Chebyshev-Picard iteration, as ``pipeline.orbit.nonlinear``.
+    """
+    moved, held = np.zeros((POINTS, 6)), orbit.ballistic or 0.0
+    for _ in range(ITERATIONS):
+        before = moved[:, :3]
+        faster = half * INTEGRAL @ orbit.acceleration(start + moved, held)
+        further = half * INTEGRAL @ (start[3:] + faster)
+        moved = np.concatenate([further, faster], axis=1)
+        if np.abs(further - before).max() <= ROUNDING * norm(start[:3]):
+            return moved
+    raise ProlearnError(
+        f"the reference orbit could not be flown on from {start[:3]} m; expected one that stays "
+        "above the Earth: leave drag out, or begin higher."
     )
-    if not solved.success:
-        raise ProlearnError(f"the reference could not be flown {times[-1]:g} s: {solved.message}")
-    return np.asarray(solved.y.T)
