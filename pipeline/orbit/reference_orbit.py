@@ -184,7 +184,8 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
     state, lost, begin, done = orbit.begin, np.zeros(6), 0.0, 0
     while done < len(wanted):
         half = PIECE / 2 * sqrt(float(norm(state[:3])) ** 3 / MU_EARTH)
-        moved = _piece(orbit, state, half)
+        with np.errstate(over="ignore", invalid="ignore"):  # of what falls, and is refused
+            moved = _piece(orbit, state, half)
         inside = slice(done, int(np.searchsorted(wanted, begin + 2 * half, side="right")))
         along = basis((wanted[inside] - begin) / half - 1) @ COEFFICIENTS
         found[inside] = state + along @ moved
@@ -209,6 +210,7 @@ def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Floa
         if np.abs(further - before).max() <= ROUNDING * norm(start[:3]):
             return moved
     raise ProlearnError(
-        f"the reference orbit could not be flown on from {start[:3]} m; expected one that stays "
-        "above the Earth: leave drag out, or begin higher."
+        "the reference orbit could not be flown on from where it is "
+        f"{(norm(start[:3]) - R_EARTH) / 1e3:.0f} km high; expected one that drag leaves above "
+        "the Earth: begin higher, give a smaller ballistic, or plan for less time."
     )

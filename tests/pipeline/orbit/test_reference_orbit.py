@@ -4,7 +4,7 @@ import brahe
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -81,3 +81,11 @@ def test_ballistic_coefficients_are_equally_spaced_about_the_middle():
     np.testing.assert_allclose(orbit.ballistics(3), [0.01, 0.02, 0.03])
     np.testing.assert_allclose(orbit.ballistics(1), [0.02])
     np.testing.assert_array_equal(ReferenceOrbit(LEO).ballistics(2), [0.0, 0.0])
+
+
+def test_an_orbit_that_falls_is_refused_in_a_sentence():
+    """A sail of 100 m²/kg in dense air is down within a revolution."""
+    orbit = ReferenceOrbit(R_EARTH + 155e3, ballistic=100.0)
+    assert 100e3 < np.linalg.norm(orbit.states(np.array([100.0]))[0, :3]) - R_EARTH < 155e3
+    with pytest.raises(ProlearnError, match=r"^the reference orbit could not be flown .* km high"):
+        orbit.states(np.array([6000.0]))
