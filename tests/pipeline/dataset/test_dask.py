@@ -337,6 +337,15 @@ def certificates(folder):
     return files | {f"{comm}TLS__CA_FILE": str(paths[0]), f"{comm}REQUIRE_ENCRYPTION": "true"}
 
 
+IMPATIENT = """
+from cli.main import app
+from pipeline.parallel import cluster
+cluster.CONNECT_SECONDS = 1.0
+app()
+"""
+"""A command that waits for a scheduler's answer for a second."""
+
+
 def test_a_cluster_with_certificates_works_and_refuses_who_has_none(
     here_and_there, forked, tmp_path, monkeypatch
 ):
@@ -348,18 +357,16 @@ def test_a_cluster_with_certificates_works_and_refuses_who_has_none(
     try:
         cluster.start_workers()
         until(cluster.connected)
-        asked = [*forked.command, "solve", str(there), "--backend", "dask", "--scheduler"]
+        asked = ["solve", str(there), "--backend", "dask", "--scheduler"]
         plain = cluster.address.replace("tls", "tcp")
         for address, status, told in (
             (cluster.address, 2, "Dask has no certificates for it; expected"),
             (plain, 1, "no Dask scheduler answers"),
         ):
-            refused = subprocess.run(
-                [*asked, address], env=without, capture_output=True, text=True, timeout=120
-            )
+            refused = forked.run([*asked, address], tmp_path, without, code=IMPATIENT)
             assert (refused.returncode, "Traceback" in refused.stderr) == (status, False)
             assert told in refused.stderr
-        done = subprocess.run([*asked, cluster.address], capture_output=True, text=True)
+        done = forked.run([*asked, cluster.address], tmp_path, os.environ)
         assert done.returncode == 0, done.stderr
     finally:
         cluster.end()

@@ -136,7 +136,7 @@ from test_montecarlo import LOOPS, fly
 root = Path(sys.argv[1])
 
 def make(folder):
-    fly(folder, trials=5, loops=LOOPS[:2])
+    fly(folder, trials=5, loops=LOOPS[::2])  # the two that plan nothing anew: this is about files
 
 def killed(step):
     die_at_flush(step)
