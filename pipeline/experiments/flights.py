@@ -146,7 +146,7 @@ def _cases(
     in_loops: Sequence[str],
     worlds: Mapping[str, NonlinearWorld],
 ) -> Iterator[FlightCase]:
-    """All cases in which one planner's plans of a scenario are flown."""
+    """Flight cases of one planner's plans of a scenario: worlds, errors and loops."""
     baseline, exact = planner.name in BASELINES, records.NO_ERRORS
     (plan,) = planner.plan([scenario])
     every = flight_loops(plan, COLD_GAS, planner)

@@ -33,7 +33,7 @@ def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
 
 
 def groups(labels: Indices) -> list[Int[Array, "_"]]:
-    """Indices of the entries of each label that occurs, by label, ascending."""
+    """Group indices by label: those of each label that occurs, in ascending order of labels."""
     order = labels.argsort(kind="stable")
     ordered = labels.take(order)
     ends = (ordered[1:] != ordered[:-1]).nonzero()[0] + 1

@@ -11,6 +11,8 @@ from pipeline.arrays import Array, Float, like
 POINTS = 12  # of a piece, both ends included
 CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres
 ANGLE = 0.25  # most by which the reference turns in a piece, rad
+ITERATIONS = 40  # most of Picard's, each of which integrates the forces at the last one's positions
+ROUNDING = 1e-14  # share of the largest position by which they may change in the last iteration
 # On [-1, 1], ascending
 NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
 _VALUES = chebyshev.chebvander(NODES, POINTS - 1)

@@ -62,7 +62,7 @@ class Arcs:
 
 @dataclass(frozen=True)
 class LinearizedDynamics:
-    """Linearized relative motion about any orbit, by its own maps in each interval.
+    """Linear time-varying relative motion about any orbit, with matrices for each interval.
 
     States and controls are as in ``ClohessyWiltshire``.
     """
@@ -82,7 +82,7 @@ class LinearizedDynamics:
         return arcs_of(self.orbit, self.time_step, self.intervals)
 
     def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
-        """A and B of s(t) = A s(0) + B u, Eq. 2, of a time, s, from the start of an interval.
+        """Transition matrices of Eq. 2, s(t) = A s(0) + B u, at times from an interval's start, s.
 
         Or from some s ``since`` its start; within the interval alone.
         """

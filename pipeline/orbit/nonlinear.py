@@ -15,7 +15,7 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, OfCraft, States
-from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
@@ -23,9 +23,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import Separation
 
-CONVERGED = 1e-9  # largest change of a position in the last iteration, m
-ROUNDING = 1e-14  # or that as a share of the largest position, for craft hundreds of km away
-ITERATIONS = 40
+CONVERGED = 1e-9  # largest change of a position in the last iteration, m, or ROUNDING where far
 WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
 
 AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, ProlearnError, check_range
+from pipeline.errors import InputError, check_range
 from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, POINTS, basis
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.mean_elements import mean_states, osculating_states
 from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
@@ -21,8 +21,6 @@ MOST_ECCENTRIC = 0.85
 MOST_TURNS = 10_000  # revolutions after the epoch by which a plan begins
 MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
 PIECE = 0.15  # by so much the local circular orbit turns in a piece of the reference, rad
-ROUNDING = 1e-14  # share of the distance to the Earth's centre by which the last iteration changes
-ITERATIONS = 40
 
 
 def check_elements(of: Any) -> None:
@@ -179,7 +177,7 @@ class ReferenceOrbit:
 
 @lru_cache(maxsize=32)
 def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 6"]:
-    """At ascending times since the epoch, by Picard iteration in one piece after another."""
+    """Inertial states at ascending times, s since the epoch, by Chebyshev-Picard integration."""
     wanted, found = np.array(times), np.empty((len(times), 6))
     state, lost, begin, done = orbit.begin, np.zeros(6), 0.0, 0
     while done < len(wanted):
@@ -189,7 +187,7 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
         inside = slice(done, int(np.searchsorted(wanted, begin + 2 * half, side="right")))
         along = basis((wanted[inside] - begin) / half - 1) @ COEFFICIENTS
         found[inside] = state + along @ moved
-        # Kahan's sum: over many revolutions, rounding of the speed would add up along the orbit.
+        # Kahan's sum: rounding of the speed would add up to micrometres along eccentric orbits.
         step = moved[-1] + lost
         done, begin, before, state = inside.stop, begin + 2 * half, state, state + step
         lost = step - (state - before)
@@ -209,7 +207,7 @@ def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Floa
         moved = np.concatenate([further, faster], axis=1)
         if np.abs(further - before).max() <= ROUNDING * norm(start[:3]):
             return moved
-    raise ProlearnError(
+    raise InputError(
         "the reference orbit could not be flown on from where it is "
         f"{(norm(start[:3]) - R_EARTH) / 1e3:.0f} km high; expected one that drag leaves above "
         "the Earth: begin higher, give a smaller ballistic, or plan for less time."
