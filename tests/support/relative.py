@@ -6,7 +6,6 @@ from forces whose derivatives are complex steps. Axes are LVLH (x radial, y alon
 cross-track).
 """
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -28,52 +27,60 @@ TURN = 7.292115e-5
 STEP = 1e-30
 """Of complex derivatives, as a share."""
 
+Times = float | np.ndarray
+"""Numbers, or arrays of them."""
+
 Air = tuple[float, float, float]
 """Height of a known density, m, that density, kg/m³, and the height in which it falls to 1/e, m."""
 
 
-def true_anomaly(a: float, e: float, begin: float, time: float) -> float:
+def true_anomaly(a: float, e: float, begin: Times, time: Times) -> Any:
     """True anomaly some s after another, rad, by Kepler's equation; whole revolutions counted."""
     half = np.sqrt((1 - e) / (1 + e))
-    first = begin + 2 * np.arctan2(
-        (half - 1) * np.tan(begin / 2), 1 + half * np.tan(begin / 2) ** 2
-    )
+    tangent = np.tan(begin / 2)
+    first = begin + 2 * np.arctan2((half - 1) * tangent, 1 + half * tangent**2)
     mean = first - e * np.sin(first) + np.sqrt(MU / a**3) * time
     eccentric = mean
     for _ in range(100):
-        left = eccentric - e * math.sin(eccentric) - mean
-        eccentric -= left / (1 - e * math.cos(eccentric))
-        if abs(left) < 1e-15 * max(1.0, abs(mean)):
+        left = eccentric - e * np.sin(eccentric) - mean
+        eccentric = eccentric - left / (1 - e * np.cos(eccentric))
+        if np.all(np.abs(left) < 1e-15 * np.maximum(1.0, np.abs(mean))):
             break
     tangent = np.tan(eccentric / 2)
     return eccentric + 2 * np.arctan2((1 / half - 1) * tangent, 1 + tangent**2 / half)
 
 
-def yamanaka_ankersen(a: float, e: float, begin: float, time: float) -> np.ndarray:
-    """State-transition matrix (6, 6) from a true anomaly, rad, over some s."""
+def yamanaka_ankersen(a: float, e: float, begin: Times, time: Times) -> np.ndarray:
+    """State-transition matrices (..., 6, 6) from true anomalies, rad, over some s."""
     end = true_anomaly(a, e, begin, time)
     momentum = np.sqrt(MU * a * (1 - e**2))
     k2 = momentum / (a * (1 - e**2)) ** 2
-    to_tilde = _tilde(e, begin, k2)
-    in_plane = _fundamental(e, end, k2 * time) @ np.linalg.inv(_fundamental(e, begin, 0.0))
+    in_plane = _fundamental(e, end, k2 * time) @ np.linalg.inv(_fundamental(e, begin, 0 * time))
     turn = end - begin
-    cross = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    tilde = np.zeros((6, 6))
-    tilde[np.ix_([0, 2, 3, 5], [0, 2, 3, 5])] = in_plane  # of x, z and their derivatives
-    tilde[np.ix_([1, 4], [1, 4])] = cross
-    theirs = np.linalg.inv(_tilde(e, end, k2)) @ tilde @ to_tilde
+    tilde = np.zeros((*np.shape(turn), 6, 6))
+    plane, across = [0, 2, 3, 5], [1, 4]  # x, z and their derivatives; y and its own
+    tilde[..., np.array(plane)[:, None], plane] = in_plane
+    cross = _matrices([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    tilde[..., np.array(across)[:, None], across] = cross
+    theirs = np.linalg.inv(_tilde(e, end, k2)) @ tilde @ _tilde(e, begin, k2)
     axes = np.zeros((6, 6))  # x along the velocity, y against the momentum, z towards the Earth
     axes[[0, 1, 2, 3, 4, 5], [1, 2, 0, 4, 5, 3]] = [1, -1, -1, 1, -1, -1]
     return axes.T @ theirs @ axes
 
 
-def _fundamental(e: float, anomaly: float, j: float) -> np.ndarray:
+def _matrices(rows: list[list[Any]]) -> np.ndarray:
+    """Matrices (..., rows, columns) of entries that are numbers or arrays (...)."""
+    entries = np.broadcast_arrays(*(one for row in rows for one in row))
+    return np.stack(entries, axis=-1).reshape(*entries[0].shape, len(rows), len(rows[0]))
+
+
+def _fundamental(e: float, anomaly: Times, j: Times) -> np.ndarray:
     """Four solutions of the in-plane motion as columns; rows x̃, z̃ and their derivatives."""
     sin, cos = np.sin(anomaly), np.cos(anomaly)
     rho = 1 + e * cos
     s, c = rho * sin, rho * cos
     ds, dc = cos + e * np.cos(2 * anomaly), -(sin + e * np.sin(2 * anomaly))
-    return np.array(
+    return _matrices(
         [
             [1, -c * (1 + 1 / rho), s * (1 + 1 / rho), 3 * rho**2 * j],
             [0, s, c, 2 - 3 * e * s * j],
@@ -83,10 +90,10 @@ def _fundamental(e: float, anomaly: float, j: float) -> np.ndarray:
     )
 
 
-def _tilde(e: float, anomaly: float, k2: float) -> np.ndarray:
+def _tilde(e: float, anomaly: Times, k2: float) -> np.ndarray:
     """From positions and velocities to those scaled by ρ, per radian of true anomaly."""
     rho = 1 + e * np.cos(anomaly)
-    scaled = np.array([[rho, 0.0], [-e * np.sin(anomaly), 1 / (k2 * rho)]])
+    scaled = _matrices([[rho, 0.0], [-e * np.sin(anomaly), 1 / (k2 * rho)]])
     return np.kron(scaled, np.eye(3))
 
 
@@ -95,14 +102,10 @@ def forced(a: float, e: float, begin: float, time: float) -> np.ndarray:
     at, weight = np.polynomial.legendre.leggauss(20)
     parts = max(1, int(np.ceil(10 * time * np.sqrt(MU / a**3))))
     middles = (np.arange(parts) + 0.5) / parts
-    total = np.zeros((6, 3))
-    for share, w in zip(
-        (middles[:, None] + at / 2 / parts).ravel(), np.tile(weight, parts), strict=True
-    ):
-        later = true_anomaly(a, e, begin, share * time)
-        columns = yamanaka_ankersen(a, e, later, (1 - share) * time)[:, 3:]
-        total += w * time / 2 / parts * columns
-    return total
+    shares = (middles[:, None] + at / 2 / parts).ravel()
+    later = true_anomaly(a, e, begin, shares * time)
+    columns = yamanaka_ankersen(a, e, later, (1 - shares) * time)[..., 3:]
+    return time / 2 / parts * np.tensordot(np.tile(weight, parts), columns, axes=1)
 
 
 def pull(
@@ -111,13 +114,12 @@ def pull(
     """Acceleration at inertial states (..., 6), which may be complex, m/s²."""
     r = _components(state[..., :3])
     far = _length(r)
-    total = -MU * r / far**3
+    total = -MU / (far * far * far) * r
     if j2:  # the gradient of -(μ J2 R²/2) (3 z²/r² - 1)/r³
-        share, pole = (r[2] / far) ** 2, np.array([0.0, 0.0, 1.0])
-        size = 1.5 * MU * J2 * RADIUS**2 / far**5
-        total = total + size * (
-            (5 * share - 1) * r - 2 * r[2] * np.multiply.outer(pole, 1 + 0 * far)
-        )
+        share = (r[2] / far) ** 2
+        size = 1.5 * MU * J2 * RADIUS**2 / (far * far) ** 2 / far
+        total += (size * (5 * share - 1)) * r
+        total[2] -= 2 * size * r[2]
     if air is not None:
         base, density, scale = air
         vx, vy, vz = _components(state[..., 3:])
@@ -137,79 +139,112 @@ def _length(v: np.ndarray) -> np.ndarray:
 
 
 def axes(state: np.ndarray) -> np.ndarray:
-    """LVLH unit vectors of an inertial state, which may be complex, as columns."""
-    r, v = state[:3], state[3:]
+    """LVLH unit vectors of inertial states (..., 6), which may be complex, as columns."""
+    r, v = _components(state[..., :3]), _components(state[..., 3:])
     h = _cross(r, v)
     radial, cross = r / _length(r), h / _length(h)
-    return np.stack([radial, _cross(cross, radial), cross], axis=1)
+    columns = np.stack([radial, _cross(cross, radial), cross])
+    return columns.transpose(*range(2, columns.ndim), 1, 0)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of two vectors (3,), faster than ``np.cross``."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    """Cross product of vectors (3, ...), faster than ``np.cross``."""
+    (ax, ay, az), (bx, by, bz) = a, b
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def to_lvlh(state: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """From inertial differences to LVLH ones (6, 6), about a reference's inertial state."""
-    turning = np.concatenate([state[3:], acceleration])
-    both = axes(state + 1j * STEP * turning)
-    turned, rate = both.real.T, both.imag.T / STEP
-    return np.block([[turned, np.zeros((3, 3))], [rate, turned]])
+    """From inertial differences to LVLH ones (..., 6, 6), about a reference's inertial states."""
+    turning = np.concatenate([state[..., 3:], acceleration], axis=-1)
+    both = axes(state + 1j * STEP * turning).swapaxes(-1, -2)
+    turned, rate = both.real, both.imag / STEP
+    upper = np.concatenate([turned, 0 * turned], axis=-1)
+    return np.concatenate([upper, np.concatenate([rate, turned], axis=-1)], axis=-2)
+
+
+LONGEST = 600.0
+"""Of a piece of an orbit, s; pieces are integrated side by side."""
+
+Force = Callable[[np.ndarray], np.ndarray]
+"""The acceleration at inertial states, which may be complex."""
 
 
 def linear_maps(
-    begin: np.ndarray, times: np.ndarray, force: Callable[[np.ndarray], np.ndarray]
+    begin: np.ndarray, times: np.ndarray, force: Force
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (k, 6, 6) and B (k, 6, 3) to ascending times, s, and a reference's inertial states there.
 
-    From its state at the beginning. ``force`` is the acceleration at inertial states, which may be
-    complex. Controls are held along the LVLH axes, which turn.
+    From its state at the beginning. Controls are held along the LVLH axes, which turn.
     """
+    counts = np.ceil(np.diff(times, prepend=0.0) / LONGEST).clip(1).astype(int)
+    ends = np.interp(np.arange(1, counts.sum() + 1), [0, *counts.cumsum()], [0.0, *times])
+    states = _reference(begin, ends, force)
+    pieces = _between(states[:-1], np.diff(ends, prepend=0.0), force)
+    free, forced, found = np.eye(6), np.zeros((6, 3)), []
+    for A, B in zip(*pieces, strict=True):
+        free, forced = A @ free, A @ forced + B
+        found.append(np.hstack([free, forced]))
+    at, both = counts.cumsum() - 1, np.array(found)
+    return both[at, :, :6], both[at, :, 6:], states[at + 1]
+
+
+def _reference(begin: np.ndarray, ends: np.ndarray, force: Force) -> np.ndarray:
+    """Inertial states (k + 1, 6) from a beginning at 0 to ascending times, s."""
+
+    def motion(_: float, state: np.ndarray) -> np.ndarray:
+        return np.concatenate([state[3:], force(state)])
+
+    tight = {"rtol": 2.3e-14, "atol": 1e-12}
+    solved = solve_ivp(motion, (0.0, ends[-1]), begin, method="DOP853", t_eval=ends, **tight)
+    return np.vstack([begin, solved.y.T])
+
+
+def _between(
+    begins: np.ndarray, lengths: np.ndarray, force: Force
+) -> tuple[np.ndarray, np.ndarray]:
+    """A (k, 6, 6) and B (k, 6, 3) from inertial states (k, 6) of a reference over so many s."""
     scale = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])[:, None]  # 1 m and 1 mm/s alike
+    k, steps = len(begins), np.eye(7, 6)  # the last is where the reference is itself
 
     def motion(_: float, flat: np.ndarray) -> np.ndarray:
-        state, maps = flat[:6], flat[6:].reshape(6, 9) * scale
-        pulled = force(state + 1j * STEP * np.eye(7, 6))  # the last from where it is itself
-        gradient = pulled[:6].imag.T / STEP
-        rate = np.concatenate([maps[3:], gradient @ maps])
-        rate[3:, 6:] += axes(state)
-        return np.concatenate([state[3:], pulled[6].real, (rate / scale).ravel()])
+        states, maps = flat[: 6 * k].reshape(k, 6), flat[6 * k :].reshape(k, 6, 9) * scale
+        pulled = force(states[:, None] + 1j * STEP * steps)
+        gradient = pulled[:, :6].imag.swapaxes(1, 2) / STEP
+        rates = np.concatenate([maps[:, 3:], gradient @ maps], axis=1)
+        rates[:, 3:, 6:] += axes(states)
+        moved = np.concatenate([states[:, 3:], pulled[:, 6].real], axis=1)
+        rates = rates / scale * lengths[:, None, None]
+        return np.concatenate([(moved * lengths[:, None]).ravel(), rates.ravel()])
 
-    first = np.linalg.inv(to_lvlh(begin, force(begin)))
-    start = np.concatenate([first, np.zeros((6, 3))], axis=1)
-    flat = np.concatenate([begin, (start / scale).ravel()])
-    solved = solve_ivp(
-        motion, (0.0, times[-1]), flat, method="DOP853", t_eval=times, rtol=1e-13, atol=1e-12
-    )
-    states, maps = solved.y[:6].T, solved.y[6:].T.reshape(-1, 6, 9) * scale
-    seen = np.stack([to_lvlh(one, force(one)) for one in states]) @ maps
-    return seen[..., :6], seen[..., 6:], states
+    first = np.linalg.inv(to_lvlh(begins, force(begins)))
+    start = np.concatenate([first, np.zeros((k, 6, 3))], axis=2) / scale
+    flat = np.concatenate([begins.ravel(), start.ravel()])
+    end = solve_ivp(motion, (0.0, 1.0), flat, method="DOP853", rtol=1e-13, atol=1e-12).y[:, -1]
+    states, maps = end[: 6 * k].reshape(k, 6), end[6 * k :].reshape(k, 6, 9) * scale
+    seen = to_lvlh(states, force(states)) @ maps
+    return seen[..., :6], seen[..., 6:]
 
 
 def linear_flight(
-    begin: np.ndarray,
-    step: float,
-    intervals: int,
-    parts: int,
-    force: Callable[[np.ndarray], np.ndarray],
+    begin: np.ndarray, step: float, intervals: int, parts: int, force: Force
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """What flies craft about a reference: states (..., 6) and controls (..., intervals, 3).
 
     Its result is their states at equal parts of all intervals, (..., intervals, parts + 1, 6).
     """
-    tables, times = [], np.linspace(0.0, step, parts + 1)
-    for _ in range(intervals):
-        free, forced, states = linear_maps(begin, times, force)
-        tables.append(np.concatenate([free, forced], axis=-1))
-        begin = states[-1]
+    ends = step * np.arange(1, intervals * parts + 1) / parts
+    states = _reference(begin, ends, force)
+    A, B = _between(states[:-1], np.full(len(ends), step / parts), force)
+    maps = np.concatenate([A, B], axis=-1).reshape(intervals, parts, 6, 9)
 
     def fly(states: np.ndarray, controls: np.ndarray) -> np.ndarray:
         flown = []
-        for k, table in enumerate(tables):
-            given = np.concatenate([states, controls[..., k, :]], axis=-1)
-            flown.append(np.einsum("qij,...j->...qi", table, given))
-            states = flown[-1][..., -1, :]
+        for k in range(intervals):
+            row = [states]
+            for part in maps[k]:
+                row.append(np.concatenate([row[-1], controls[..., k, :]], axis=-1) @ part.T)
+            flown.append(np.stack(row, axis=-2))
+            states = row[-1]
         return np.stack(flown, axis=-3)
 
     return fly
