@@ -3,6 +3,7 @@
 import atexit
 import gc
 import os
+import shutil
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -19,6 +20,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 # Eight processes of a server for evaluations of language models, which nobody here asks for.
 os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
+
+# Files of tests lie in memory where there is room: what is flushed there takes no time.
+MEMORY, NEEDED = Path("/dev/shm"), 4e9  # bytes, several times what the tests write
+if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > NEEDED:
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
 
 # A worker that has told its results ends at once, after what registers later: to take apart all
 # that it has imported takes the interpreter seconds.

@@ -66,6 +66,38 @@ def test_a_kind_of_call_is_checked_once(checks):
     assert len(made) == 2
 
 
+def pairs(
+    one: Float[np.ndarray, "*batch n 3"],
+    other: Float[np.ndarray, "n k"],
+    cut: int = 0,
+) -> Float[np.ndarray, "n"]:  # noqa: F821
+    return other.sum(axis=1)[cut:]
+
+
+def halves(one: Float[np.ndarray, "n"], other: Float[np.ndarray, "2*n"]) -> float:  # noqa: F821
+    return float(other.sum() / one.sum())
+
+
+def test_other_sizes_in_the_same_places_are_right_and_in_others_are_not():
+    (function, made), (other, made_too) = remembered(pairs), remembered(halves)
+    for n, k in ((2, 4), (7, 5), (50, 90)):
+        assert function(np.ones((6, n, 3)), np.ones((n, k))).shape == (n,)
+    assert len(made) == 1
+    function(np.ones((6, 9, 3)), np.ones((9, 9)))  # sizes that are equal by chance
+    function(np.ones((5, 9, 3)), np.ones((9, 3)))  # one that is named
+    assert len(made) == 3
+    for sizes in (((6, 8, 3), (9, 5)), ((6, 8, 4), (8, 5)), ((9, 8, 3), (3, 9)), ((8, 3), (6, 8))):
+        with pytest.raises(TypeCheckError):
+            function(*map(np.ones, sizes))
+    with pytest.raises(TypeCheckError):
+        function(np.ones((6, 7, 3)), np.ones((7, 4)), 1)  # a result of another size
+    for n in (2, 3):
+        assert other(np.ones(n), np.ones(2 * n)) == 2
+        with pytest.raises(TypeCheckError):
+            other(np.ones(n), np.ones(2 * n + 1))
+    assert len(made_too) == 4
+
+
 def total(
     many: list[Float[np.ndarray, "n"]],  # noqa: F821
     names: dict[str, int],

@@ -2,11 +2,13 @@
 
 jaxtyping checks every call of every function, which in a loop over small arrays takes several times
 as long as the work. Where arguments and a result have the types, shapes and kinds of numbers of
-some that were right before, they are right again.
+some that were right before, they are right again; so are they where their shapes are those with
+other sizes in the same places.
 """
 
 from collections.abc import Callable, Collection, Hashable
 from functools import cache, partial, wraps
+from re import findall
 from types import FunctionType
 from typing import Any
 
@@ -60,6 +62,7 @@ class Memory:
     def __init__(self, function: FunctionType, checking: Callable[[Function], Function]) -> None:
         # Kinds of arguments, and of results that they had.
         self.right: dict[Hashable, set[Hashable]] = {}
+        self.patterns = Patterns(function)
         self.results: list[Any] = []
         self.running: list[Function] = []
         self.kind_of = KINDS[tells_texts(function)].of
@@ -79,7 +82,7 @@ class Memory:
     def of(self, function: FunctionType) -> Function:
         """Wrap one of these functions so that its calls are checked."""
         right, results, running = self.right, self.results, self.running
-        kind_of, checked = self.kind_of, self.checked
+        kind_of, checked, patterns = self.kind_of, self.checked, self.patterns
 
         @wraps(function)
         def called(*args: Any, **kwargs: Any) -> Any:
@@ -89,6 +92,8 @@ class Memory:
             if kwargs:
                 given += *kwargs, *map(kind_of, kwargs.values())
             found = right.get(given)
+            if found is None and VARIES not in given and patterns.knows(given):
+                found = right[given] = set()
             if found is None:
                 running.append(function)
                 try:
@@ -97,17 +102,55 @@ class Memory:
                     running.pop()
             else:
                 result = function(*args, **kwargs)
-                if kind_of(result) in found:
+                kind = kind_of(result)
+                if kind in found:
                     return result
-                results.append(result)
-                checked()(*args, **kwargs)
+                if kind is VARIES or not patterns.knows((given, kind)):
+                    results.append(result)
+                    checked()(*args, **kwargs)
             if VARIES not in given:
                 found = right.setdefault(given, set())
+                patterns.add(given)
                 if (kind := kind_of(result)) is not VARIES:
                     found.add(kind)
+                    patterns.add((given, kind))
             return result
 
         return called
+
+
+class Patterns:
+    """Kinds of calls that were right, but for the sizes that a function's annotations do not name.
+
+    Which sizes of arrays are equal counts, not how large they are.
+    """
+
+    def __init__(self, function: FunctionType) -> None:
+        asked = [*function.__annotations__.values()]
+        told = " ".join(map(repr, asked))
+        self._named = {0, 1, *map(int, findall(r"\d+", told))}
+        # Sizes are reckoned with, or what is asked of them stands elsewhere.
+        self._exact = bool(findall(r"\w[*+/-]\w|ForwardRef", told)) or any(
+            isinstance(one, str) for one in asked
+        )
+        self._known: set[Hashable] = set()
+
+    def knows(self, kind: Hashable) -> bool:
+        """Whether one of the same pattern was right."""
+        return not self._exact and self._pattern(kind, {}) in self._known
+
+    def add(self, kind: Hashable) -> None:
+        """Remember one that was right."""
+        if not self._exact:
+            self._known.add(self._pattern(kind, {}))
+
+    def _pattern(self, kind: Hashable, sizes: dict[int, int]) -> Hashable:
+        """The kind with -1, -2 ... for the sizes that are not named, as they first come."""
+        if isinstance(kind, tuple):
+            return tuple([self._pattern(one, sizes) for one in kind])
+        if type(kind) is not int or kind in self._named:
+            return kind
+        return sizes.setdefault(kind, -1 - len(sizes))
 
 
 NESTED: dict[Hashable, Memory] = {}
@@ -162,7 +205,8 @@ class Kinds:
 
     def mapped(self, items: dict[Any, Any]) -> Hashable:
         """Kind of keys and values."""
-        found = (dict, self.alike([*items]), self.alike([*items.values()]))
+        # No annotation names the texts of keys.
+        found = (dict, KINDS[False].alike([*items]), self.alike([*items.values()]))
         return VARIES if VARIES in found else found
 
 
