@@ -5,7 +5,7 @@ import pytest
 from alfano import CASES, flown, trials
 from relative import MU
 from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm
+from scipy.special import ndtr
 from trials import wilson
 
 from pipeline.orbit.covariance import Dispersion
@@ -61,12 +61,14 @@ def entries(mean, covariance, radius):
     across = [np.broadcast_to(least[:, None], angle.shape), ring * np.sin(angle)]
     caps = [np.stack([*across, sign * ring * np.cos(angle)], axis=-1) for sign in (1, -1)]
     out = np.stack(caps).reshape(-1, 3) @ axes.T / radius
-    density = multivariate_normal(mean[:3], placed).pdf(radius * out)
+    away = (radius * out - mean[:3]) @ axes / np.sqrt(variances)
+    density = np.exp(-np.vecdot(away, away) / 2) / np.sqrt((2 * np.pi) ** 3 * variances.prod())
     gain = covariance[3:, :3] @ np.linalg.inv(placed)
     rest = covariance[3:, 3:] - gain @ covariance[:3, 3:]
     inward = -np.vecdot(out, mean[3:] + (radius * out - mean[:3]) @ gain.T)
     sigma = np.sqrt(np.maximum(np.vecdot(out @ rest, out), 1e-30))
-    flux = sigma * norm.pdf(inward / sigma) + inward * norm.cdf(inward / sigma)
+    ratio = inward / sigma
+    flux = sigma * np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi) + inward * ndtr(ratio)
     return radius**2 * np.sum(np.tile(area.ravel(), 2) * density * flux)
 
 
