@@ -8,6 +8,7 @@ status, negative for a signal.
 """
 
 import atexit
+import ctypes
 import gc
 import importlib
 import json
@@ -58,6 +59,8 @@ FIRST = (
     ("solve", "data", "--jobs", "1"),
 )
 """Commands that load what was compiled, which takes more of their time than what they do."""
+
+HUGE, COLLAPSE = 14, 25  # Linux's MADV_HUGEPAGE and MADV_COLLAPSE
 
 PACKET = 1 << 17  # bytes, above what an environment takes
 
@@ -146,6 +149,18 @@ def spare_children() -> None:
     for ending in list(weakref.finalize._registry):  # type: ignore[attr-defined]
         if ending.peek()[1] is sys.modules["torch.library"]._del_library:
             ending.atexit = False
+    join_pages()
+
+
+def join_pages() -> None:
+    """Ask Linux for pages of 2 MB in place of 4 kB, whose tables every fork copies."""
+    advise = ctypes.CDLL(None).madvise
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        addresses, rights, _, _, file, *name = line.split()
+        first, end = (int(one, 16) for one in addresses.split("-"))
+        if file == "0" and rights.startswith("rw") and name in ([], ["[heap]"]):
+            for wish in (HUGE, COLLAPSE):  # where it is refused nothing is lost
+                advise(ctypes.c_void_p(first), ctypes.c_size_t(end - first), wish)
 
 
 def start(connection: socket.socket, ours: list[socket.socket]) -> int:
