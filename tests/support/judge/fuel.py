@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment, linprog
+from scipy.sparse import eye, kron
 
 from judge.motion import Case, exact_step
 
@@ -40,11 +41,11 @@ def least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
     limit = None if problem.limit is None else problem.limit / unit
     misses = size * (goal - initial @ drift.T)
     if problem.thrusters is None:
-        found = [_least(reach, miss, limit) for miss in misses]
+        found = _least(reach, misses, limit)
     else:
         least = problem.thrusters.least
-        found = [(one, one) for one in (least(k, reach, b, unit) for k, b in enumerate(misses))]
-    return Bound(*(unit * np.array(found).T))
+        found = np.array([2 * [least(k, reach, b, unit)] for k, b in enumerate(misses)]).T
+    return Bound(*(unit * found))
 
 
 def least_fuel_of_any_order(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
@@ -58,22 +59,26 @@ def least_fuel_of_any_order(problem: Case, initial: np.ndarray, goal: np.ndarray
     return Bound(*(cost[linear_sum_assignment(cost)] for cost in (proven, attained)))
 
 
-def _least(reach: np.ndarray, miss: np.ndarray, limit: float | None) -> tuple[float, float]:
-    """Proven and attained least ‖w‖₁ with reach·w = miss and |w| ≤ limit."""
-    cost = np.ones(2 * reach.shape[1])
-    both = np.hstack([reach, -reach])
-    solved = linprog(cost, A_eq=both, b_eq=miss, bounds=(0, limit), method="highs")
+def _least(reach: np.ndarray, misses: np.ndarray, limit: float | None) -> np.ndarray:
+    """Proven and attained least ‖w‖₁ with reach·w = miss and |w| ≤ limit, (2, n), of n misses."""
+    n, both = len(misses), np.hstack([reach, -reach])
+    cost, all_of_them = np.ones(n * both.shape[1]), kron(eye(n), both, format="csc")
+    solved = linprog(
+        cost, A_eq=all_of_them, b_eq=misses.ravel(), bounds=(0, limit), method="highs"
+    )
     if solved.status == INFEASIBLE:
-        return np.inf, np.inf
+        if n == 1:
+            return np.full((2, 1), np.inf)
+        return np.hstack([_least(reach, miss[None], limit) for miss in misses])
     if solved.status != 0:
         raise ArithmeticError(f"HiGHS cannot tell the least fuel: {solved.message}")
-    assert solved.fun is not None
-    price = solved.eqlin.marginals
+    price = solved.eqlin.marginals.reshape(misses.shape)
     worth = np.abs(price @ reach)  # of each control; what is worth more than its cost of 1 is used
+    value, attained = np.vecdot(price, misses), solved.x.reshape(n, -1).sum(axis=1)
     if limit is None:
-        proven = price @ miss / max(1.0, worth.max())
+        proven = value / np.maximum(1.0, worth.max(axis=1))
     else:
-        proven = price @ miss - limit * np.maximum(worth - 1, 0).sum()
-    if solved.fun - proven > AGREEMENT * max(1.0, solved.fun):
-        raise ArithmeticError(f"HiGHS attains {solved.fun} and its dual proves only {proven}")
-    return proven, solved.fun
+        proven = value - limit * np.maximum(worth - 1, 0).sum(axis=1)
+    if (attained - proven > AGREEMENT * np.maximum(1.0, attained)).any():
+        raise ArithmeticError(f"HiGHS attains {attained} and its dual proves only {proven}")
+    return np.stack([proven, attained])
