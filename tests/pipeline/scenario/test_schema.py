@@ -35,7 +35,7 @@ def test_every_field_of_a_scenario_is_described():
     assert [name for title, name, field in fields if len(field.get("description", "")) < 8] == []
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def accepts():
     for schema in (json_schema(), of_plans()):
         Draft202012Validator.check_schema(schema)
