@@ -168,9 +168,10 @@ def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
 
 
 def _about(scenario: "Scenario") -> str:
-    problem = scenario.problem
+    problem, long = scenario.problem, scenario.problem.duration
+    duration = f"{long / 60:g} min" if long >= 60 else f"{long:g} s"
     return (
-        f"{scenario.n} craft, {problem.duration / 60:g} min in {problem.intervals} intervals of "
+        f"{scenario.n} craft, {duration} in {problem.intervals} intervals of "
         f"{problem.time_step:g} s, collision_radius {problem.collision_radius:g} m"
     )
 

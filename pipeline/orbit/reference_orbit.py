@@ -69,6 +69,11 @@ class ReferenceOrbit:
                 f"{self.eccentricity:g}, a perigee {perigee:g} m above the Earth; expected one "
                 f"from {LOWEST:g} to {HIGHEST:g} m."
             )
+        if self.ballistic is None and self.spread:
+            raise InputError(
+                f"spread is {self.spread:g} without ballistic, of which it is a share; expected "
+                "both: add ballistic, such as 0.01, or leave spread out."
+            )
         if self.ballistic is not None:
             forces.atmosphere_near(perigee)  # refuses what is below all layers
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)

@@ -194,8 +194,9 @@ def _reference(begin: np.ndarray, ends: np.ndarray, force: Force) -> np.ndarray:
     def motion(_: float, state: np.ndarray) -> np.ndarray:
         return np.concatenate([state[3:], force(state)])
 
-    tight = {"rtol": 2.3e-14, "atol": 1e-12}
-    solved = solve_ivp(motion, (0.0, ends[-1]), begin, method="DOP853", t_eval=ends, **tight)
+    solved = solve_ivp(
+        motion, (0.0, ends[-1]), begin, method="DOP853", t_eval=ends, rtol=2.3e-14, atol=1e-12
+    )
     return np.vstack([begin, solved.y.T])
 
 

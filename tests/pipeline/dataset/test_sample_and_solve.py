@@ -103,7 +103,7 @@ def test_no_test_scenario_of_any_dataset_is_a_training_scenario_of_another(tmp_p
         ({"count": 0}, "count is 0"),
         ({"seed": -1}, "seed is -1"),
         ({"seed": 2**32}, "expected a number from 0 to 4294967295"),
-        ({"shard_rows": 0}, "shard_rows is 0"),
+        ({"shard_rows": 0}, "rows in a shard is 0"),
         ({"shares": (0.5, 0.5, 0.5)}, "add up to 1"),
         ({"shares": (1.2, -0.1, -0.1)}, "0 or more"),
     ],

@@ -23,6 +23,7 @@ LEO = R_EARTH + 500e3
         ({"argument_of_perigee_deg": -400.0}, "argument_of_perigee_deg is -400; expected a number"),
         ({"argument_of_latitude_deg": np.inf}, "argument_of_latitude_deg is inf; expected"),
         ({"spread": 1.5}, "spread is 1.5; expected a number from 0 to 1."),
+        ({"spread": 0.5}, "spread is 0.5 without ballistic, of which it is a share; expected both"),
         ({"start": -1.0}, "start is -1; expected a number from 0 to "),
         ({"start": np.inf}, "start is inf; expected a number from 0 to "),
         ({"semi_major_axis": np.nan}, "a perigee nan m above the Earth; expected one from 100000"),

@@ -4,6 +4,7 @@ By HiGHS and its dual, or, of thrusters of other kinds, by cvxpy.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment, linprog
@@ -62,16 +63,16 @@ def least_fuel_of_any_order(problem: Case, initial: np.ndarray, goal: np.ndarray
 def _least(reach: np.ndarray, misses: np.ndarray, limit: float | None) -> np.ndarray:
     """Proven and attained least ‖w‖₁ with reach·w = miss and |w| ≤ limit, (2, n), of n misses."""
     n, both = len(misses), np.hstack([reach, -reach])
-    cost, all_of_them = np.ones(n * both.shape[1]), kron(eye(n), both, format="csc")
-    solved = linprog(
-        cost, A_eq=all_of_them, b_eq=misses.ravel(), bounds=(0, limit), method="highs"
-    )
+    cost, of_all = np.ones(n * both.shape[1]), kron(eye(n), both, format="csc")
+    limits: dict[str, Any] = {"A_eq": of_all, "b_eq": misses.ravel(), "bounds": (0, limit)}
+    solved = linprog(cost, **limits, method="highs")
     if solved.status == INFEASIBLE:
         if n == 1:
             return np.full((2, 1), np.inf)
         return np.hstack([_least(reach, miss[None], limit) for miss in misses])
     if solved.status != 0:
         raise ArithmeticError(f"HiGHS cannot tell the least fuel: {solved.message}")
+    assert solved.x is not None
     price = solved.eqlin.marginals.reshape(misses.shape)
     worth = np.abs(price @ reach)  # of each control; what is worth more than its cost of 1 is used
     value, attained = np.vecdot(price, misses), solved.x.reshape(n, -1).sum(axis=1)
