@@ -20,12 +20,9 @@ class Sample:
 
     def __post_init__(self) -> None:
         check_family(self.family)
-        for name, given, least in (
-            ("count", self.count, 1),
-            ("seed", self.seed, 0),
-            ("the number of rows in a shard", self.shard_rows, 1),
-        ):
-            check_range(name, given, least, SEEDS - 1)
+        check_range("count", self.count, 1, SEEDS - 1)
+        check_range("seed", self.seed, 0, SEEDS - 1)
+        check_range("the number of rows in a shard", self.shard_rows, 1, SEEDS - 1)
         if not (min(self.shares) >= 0 and abs(sum(self.shares) - 1) <= 1e-9):  # NaN fails both
             raise InputError(
                 f"the shares of {', '.join(SPLITS)} are {self.shares}; expected three numbers "

@@ -200,7 +200,7 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
 
 
 def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Float[Array, "q 6"]:
-    """Change of the state at the Chebyshev points of a piece that takes twice ``half``, s.
+    """Change of the inertial state over one piece, at its Chebyshev points; ``half`` its length, s.
 
     By modified Chebyshev-Picard iteration, as ``pipeline.orbit.nonlinear``.
     """

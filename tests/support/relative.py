@@ -51,7 +51,7 @@ def true_anomaly(a: float, e: float, begin: Times, time: Times) -> Any:
 
 
 def yamanaka_ankersen(a: float, e: float, begin: Times, time: Times) -> np.ndarray:
-    """State-transition matrices (..., 6, 6) from true anomalies, rad, over some s."""
+    """State-transition matrices (..., 6, 6) from initial true anomalies, rad, over times, s."""
     end = true_anomaly(a, e, begin, time)
     momentum = np.sqrt(MU * a * (1 - e**2))
     k2 = momentum / (a * (1 - e**2)) ** 2
@@ -69,7 +69,7 @@ def yamanaka_ankersen(a: float, e: float, begin: Times, time: Times) -> np.ndarr
 
 
 def _matrices(rows: list[list[Any]]) -> np.ndarray:
-    """Matrices (..., rows, columns) of entries that are numbers or arrays (...)."""
+    """Stack of matrices (..., rows, columns) from their entries, numbers or arrays (...)."""
     entries = np.broadcast_arrays(*(one for row in rows for one in row))
     return np.stack(entries, axis=-1).reshape(*entries[0].shape, len(rows), len(rows[0]))
 
@@ -148,7 +148,7 @@ def axes(state: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of vectors (3, ...), faster than ``np.cross``."""
+    """Cross products of vectors whose components are the first axis: (3, ...)."""
     (ax, ay, az), (bx, by, bz) = a, b
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -189,7 +189,7 @@ def linear_maps(
 
 
 def _reference(begin: np.ndarray, ends: np.ndarray, force: Force) -> np.ndarray:
-    """Inertial states (k + 1, 6) from a beginning at 0 to ascending times, s."""
+    """Inertial states (k + 1, 6) of the reference orbit at time 0 and at k ascending times, s."""
 
     def motion(_: float, state: np.ndarray) -> np.ndarray:
         return np.concatenate([state[3:], force(state)])
@@ -203,7 +203,10 @@ def _reference(begin: np.ndarray, ends: np.ndarray, force: Force) -> np.ndarray:
 def _between(
     begins: np.ndarray, lengths: np.ndarray, force: Force
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A (k, 6, 6) and B (k, 6, 3) from inertial states (k, 6) of a reference over so many s."""
+    """Transition matrices A (k, 6, 6) and B (k, 6, 3) of k arcs of a reference orbit.
+
+    From the inertial states (k, 6) where the arcs begin, and how long each takes, s.
+    """
     scale = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])[:, None]  # 1 m and 1 mm/s alike
     k, steps = len(begins), np.eye(7, 6)  # the last is where the reference is itself
 

@@ -120,7 +120,7 @@ class Memory:
 
 
 class Patterns:
-    """Kinds of calls that were right, but for the sizes that a function's annotations do not name.
+    """Cache of checked calls in which array sizes that no annotation names are symbols.
 
     Which sizes of arrays are equal counts, not how large they are.
     """
@@ -145,7 +145,7 @@ class Patterns:
             self._known.add(self._pattern(kind, {}))
 
     def _pattern(self, kind: Hashable, sizes: dict[int, int]) -> Hashable:
-        """The kind with -1, -2 ... for the sizes that are not named, as they first come."""
+        """The kind with symbols -1, -2 ... in place of unnamed sizes, in order of appearance."""
         if isinstance(kind, tuple):
             return tuple([self._pattern(one, sizes) for one in kind])
         if type(kind) is not int or kind in self._named:
