@@ -5,29 +5,31 @@
 Scenarios of rings, one at a time with its certificate, on one core; times are its CPU times. From
 30 craft on the rings grow with n, so that neighbours stay as far apart. Each size has a process of
 its own, whose memory is counted whole, packages included, and which ends after so much CPU time.
-A time is also given in units of what Clarabel needs for the decoupled optimum of one craft, timed
-in between, so that tables of different machines can be compared.
+Times are also in units of that of the decoupled optimum of one craft by Clarabel, taken in between,
+so that tables of different machines can be compared.
 """
 
 import resource
 from collections.abc import Mapping
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 from time import thread_time
+from timeit import repeat
 from typing import Annotated
 
-import clarabel
 import numpy as np
 import pandas as pd
 import typer
-from scipy import sparse
 
 from benchmarks.tables import limited_process, renew, use_one_core
 from pipeline.expert import solve
+from pipeline.expert.limited import least_of
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import state_weight, transfer_maps
 from pipeline.plan import SOLVED
 from pipeline.scenario import Scenario, draw
+from pipeline.scenario.arrivals import arrivals_of
+from pipeline.scenario.spacecraft import limits_of
 
 MARK = "<!-- made by python -m benchmarks.growth -->"
 SEED = 2022
@@ -44,7 +46,6 @@ def grown(n: int, count: int) -> Mapping[str, object]:
     plans, seconds, units = [], [], []
     for scenario in scenarios:
         units.append(unit(scenario))
-        # The process's own clock counts in ticks of some ms where its CPU time is limited
         started = thread_time()
         plans.append(solve(scenario))
         seconds.append(thread_time() - started)
@@ -64,27 +65,11 @@ def grown(n: int, count: int) -> Mapping[str, object]:
 
 
 def unit(scenario: Scenario) -> float:
-    """CPU time in which Clarabel finds the decoupled optimum of the first craft, s; median of 10.
-
-    A linear program: least Σ|u|, states eliminated, the goal met.
-    """
-    maps, weight = transfer_maps(scenario.problem), state_weight(scenario.problem)
-    reach = 1e-3 * weight[:, None] * maps.reach[-1]  # controls are in mm/s²
-    count = reach.shape[1]
-    one, none = sparse.eye_array(count), sparse.csc_array((6, count))
-    A = sparse.block_array([[none, reach], [-one, one], [-one, -one]], format="csc")
-    wanted = weight * (scenario.goal[0] - maps.drift[-1] @ scenario.initial[0])
-    b, cost = np.append(wanted, np.zeros(2 * count)), np.repeat([1.0, 0.0], count)
-    cones = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(2 * count)]
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    nothing = sparse.csc_array((2 * count, 2 * count))
-    seconds = []
-    for _ in range(10):
-        started = thread_time()
-        clarabel.DefaultSolver(nothing, cost, A, b, cones, settings).solve()
-        seconds.append(thread_time() - started)
-    return float(np.median(seconds))
+    """Median CPU time, s, in which Clarabel finds the decoupled optimum of the first craft."""
+    problem = scenario.problem
+    at = arrivals_of(scenario.initial[:1], scenario.goal[:1], problem, {})
+    one = partial(least_of, at, limits_of((), 1, problem), problem)
+    return float(np.median(repeat(one, timer=thread_time, repeat=10, number=1)))
 
 
 def row(n: int, count: int, patience: float) -> Mapping[str, object]:

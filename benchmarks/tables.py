@@ -65,7 +65,10 @@ def use_one_core() -> None:
 
 
 def limited_process(patience: float) -> ProcessPoolExecutor:
-    """A process with one thread, which the system ends after so much CPU time, s."""
+    """A process with one thread, which the system ends after so much CPU time, s.
+
+    Its ``process_time`` may then count in ticks of some ms; ``thread_time`` does not.
+    """
     return ProcessPoolExecutor(1, get_context("spawn"), _limit, (patience,))
 
 

@@ -200,9 +200,10 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
 
 
 def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Float[Array, "q 6"]:
-    """Change of the inertial state over one piece, at its Chebyshev points; ``half`` its length, s.
+    """Change of the inertial state since the start of one piece of the orbit, at Chebyshev nodes.
 
-    By modified Chebyshev-Picard iteration, as ``pipeline.orbit.nonlinear``.
+    The piece takes 2 ``half`` s. By modified Chebyshev-Picard iteration, as
+    ``pipeline.orbit.nonlinear``.
     """
     moved, held = np.zeros((POINTS, 6)), orbit.ballistic or 0.0
     for _ in range(ITERATIONS):

@@ -51,7 +51,7 @@ def true_anomaly(a: float, e: float, begin: Times, time: Times) -> Any:
 
 
 def yamanaka_ankersen(a: float, e: float, begin: Times, time: Times) -> np.ndarray:
-    """State-transition matrices (..., 6, 6) from initial true anomalies, rad, over times, s."""
+    """State-transition matrices (..., 6, 6) by initial true anomaly, rad, and time since, s."""
     end = true_anomaly(a, e, begin, time)
     momentum = np.sqrt(MU * a * (1 - e**2))
     k2 = momentum / (a * (1 - e**2)) ** 2
@@ -69,7 +69,7 @@ def yamanaka_ankersen(a: float, e: float, begin: Times, time: Times) -> np.ndarr
 
 
 def _matrices(rows: list[list[Any]]) -> np.ndarray:
-    """Stack of matrices (..., rows, columns) from their entries, numbers or arrays (...)."""
+    """Matrices (..., rows, columns) from lists of their entries, numbers or arrays (...)."""
     entries = np.broadcast_arrays(*(one for row in rows for one in row))
     return np.stack(entries, axis=-1).reshape(*entries[0].shape, len(rows), len(rows[0]))
 
@@ -148,7 +148,7 @@ def axes(state: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of vectors whose components are the first axis: (3, ...)."""
+    """Cross products a × b of vectors (3, ...), whose first axis holds the components."""
     (ax, ay, az), (bx, by, bz) = a, b
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -203,7 +203,7 @@ def _reference(begin: np.ndarray, ends: np.ndarray, force: Force) -> np.ndarray:
 def _between(
     begins: np.ndarray, lengths: np.ndarray, force: Force
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Transition matrices A (k, 6, 6) and B (k, 6, 3) of k arcs of a reference orbit.
+    """State-transition matrices (k, 6, 6) and control matrices (k, 6, 3) of k arcs of an orbit.
 
     From the inertial states (k, 6) where the arcs begin, and how long each takes, s.
     """

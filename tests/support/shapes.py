@@ -120,9 +120,9 @@ class Memory:
 
 
 class Patterns:
-    """Cache of checked calls in which array sizes that no annotation names are symbols.
+    """Cache of shape-checked calls, in which calls that differ only in free sizes are the same.
 
-    Which sizes of arrays are equal counts, not how large they are.
+    A size is free where no annotation names it: which free sizes are equal counts, not how large.
     """
 
     def __init__(self, function: FunctionType) -> None:
@@ -145,7 +145,7 @@ class Patterns:
             self._known.add(self._pattern(kind, {}))
 
     def _pattern(self, kind: Hashable, sizes: dict[int, int]) -> Hashable:
-        """The kind with symbols -1, -2 ... in place of unnamed sizes, in order of appearance."""
+        """A call's types and sizes, with the free sizes numbered -1, -2, ... as they appear."""
         if isinstance(kind, tuple):
             return tuple([self._pattern(one, sizes) for one in kind])
         if type(kind) is not int or kind in self._named:

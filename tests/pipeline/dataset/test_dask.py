@@ -343,7 +343,7 @@ from pipeline.parallel import cluster
 cluster.CONNECT_SECONDS = 1.0
 app()
 """
-"""The command line with a timeout of 1 s for connecting to a scheduler."""
+"""``prolearn`` that gives up connecting to a Dask scheduler after 1 s."""
 
 
 def test_a_cluster_with_certificates_works_and_refuses_who_has_none(

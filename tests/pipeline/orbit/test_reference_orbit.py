@@ -85,7 +85,7 @@ def test_ballistic_coefficients_are_equally_spaced_about_the_middle():
 
 
 def test_an_orbit_that_falls_is_refused_in_a_sentence():
-    """With C_D A/m of 100 m²/kg at 155 km, drag ends the orbit within one revolution."""
+    """The orbit decays within a revolution: altitude 155 km, C_D A/m = 100 m²/kg."""
     orbit = ReferenceOrbit(R_EARTH + 155e3, ballistic=100.0)
     assert 100e3 < np.linalg.norm(orbit.states(np.array([100.0]))[0, :3]) - R_EARTH < 155e3
     with pytest.raises(InputError, match=r"^the reference orbit could not be flown .* km high"):

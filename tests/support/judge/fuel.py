@@ -61,7 +61,7 @@ def least_fuel_of_any_order(problem: Case, initial: np.ndarray, goal: np.ndarray
 
 
 def _least(reach: np.ndarray, misses: np.ndarray, limit: float | None) -> np.ndarray:
-    """Bound and optimum, (2, n), of n programs: least ‖w‖₁, reach·w = miss, |w| ≤ limit."""
+    """Dual bounds and optima (2, n) of n linear programs: min ‖w‖₁, reach·w = miss, |w| ≤ limit."""
     n, both = len(misses), np.hstack([reach, -reach])
     cost, of_all = np.ones(n * both.shape[1]), kron(eye(n), both, format="csc")
     limits: dict[str, Any] = {"A_eq": of_all, "b_eq": misses.ravel(), "bounds": (0, limit)}
