@@ -13,7 +13,6 @@ import resource
 from collections.abc import Mapping
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from pathlib import Path
 from time import thread_time
 from timeit import repeat
 from typing import Annotated
@@ -22,7 +21,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from benchmarks.tables import limited_process, renew, use_one_core
+from benchmarks.tables import Page, limited_process, renew, use_one_core
 from pipeline.expert import solve
 from pipeline.expert.limited import least_of
 from pipeline.orbit.problem import Problem
@@ -82,7 +81,7 @@ def row(n: int, count: int, patience: float) -> Mapping[str, object]:
 
 
 def main(
-    page: Annotated[Path | None, typer.Option(help="Page whose table is made anew.")] = None,
+    page: Page = None,
     most: Annotated[int, typer.Option(help="Craft of the largest swarm.")] = max(SIZES),
     patience: Annotated[float, typer.Option(min=1, help="CPU time of a size, s.")] = PATIENCE,
 ) -> None:

@@ -8,10 +8,11 @@ from concurrent.futures import ProcessPoolExecutor
 from math import ceil
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+import typer
 from threadpoolctl import threadpool_limits
 
 from cli.output import echo
@@ -20,6 +21,10 @@ from pipeline.files import write_text
 from pipeline.plan import SOLVED, Plan
 
 Row = dict[str, float | int | str]  # a line of a table, by column
+Page = Annotated[
+    Path | None,
+    typer.Option(exists=True, dir_okay=False, help="Page whose tables are made anew."),
+]
 
 
 def show(title: str, rows: Sequence[Mapping[Any, Any]]) -> None:

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.basilisk import reconfiguration
 from benchmarks.peers import by_dccp, by_openscvx, by_plain_scp, by_repair
 from benchmarks.rendezvous import CHIEF, STEP, optima
-from benchmarks.tables import limited_process, renew, use_one_core
+from benchmarks.tables import Page, limited_process, renew, use_one_core
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import solve
@@ -375,7 +375,7 @@ def _versions() -> str:
 
 
 def main(
-    page: Annotated[Path | None, typer.Option(help="Page whose tables are made anew.")] = None,
+    page: Page = None,
     patience: Annotated[
         float,
         typer.Option(min=1, help="CPU time of a foreign planner for a swarm, s."),
