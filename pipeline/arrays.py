@@ -61,5 +61,10 @@ def tensor(values: Any, device: Any) -> Any:
 
 
 def like(values: Any, other: Any) -> Any:
-    """Array in the library of another array, numpy or torch, and on its device."""
-    return values if isinstance(other, np.ndarray) else tensor(values, other.device)
+    """Array in the library of another array, numpy or torch, and on its device.
+
+    A tensor becomes an array without its gradient.
+    """
+    if not isinstance(other, np.ndarray):
+        return tensor(values, other.device)
+    return plain(values) if hasattr(values, "detach") else values

@@ -39,6 +39,11 @@ def with_rows(
     return changed
 
 
+def indices(mask: Bool[Any, "k"]) -> Int[Any, "_"]:
+    """Indices at which a mask is true, in order."""
+    return np.flatnonzero(mask) if isinstance(mask, np.ndarray) else mask.nonzero()[:, 0]
+
+
 def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
     """Other values where a mask is true; computed only if it is anywhere, or in a traced graph."""
     xp = namespace(mask)

@@ -19,6 +19,7 @@ from numba import njit
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.refiner.arrays import constant, rows, where
+from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -33,6 +34,10 @@ STRETCHES = 6
 """Parts of an interval on which the search for its closest approach goes straight first."""
 
 NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
+
+EQUAL = 1 + 1e-12
+"""Ratio of squared distances from a step on that do not tell it from no step: the step is taken, or
+rounding would decide when the closest approach is, and that to a ten-millionth only."""
 
 THIRD = 1.0 / 3.0
 
@@ -88,37 +93,64 @@ def _per_step(problem: Problem) -> Float[Array, "6"]:
 
 
 @dataclass(frozen=True, eq=False)
+class EncounterGeometry:
+    """The closest approach of each encounter, through which no gradient runs."""
+
+    share: Float[Any, "E"]  # when, as a share of the interval; 0 where it was not looked at
+    distance: Float[Any, "E"]  # r_col; infinite where it was not looked at
+    turns: Bool[Any, "E"]  # whether the pair comes closer before and parts after it
+
+
+@dataclass(frozen=True, eq=False)
 class Encounters:
     """Pairs of craft in intervals, each an edge of the encounter graph."""
 
-    first: Int[Array, "E"]  # first craft
-    second: Int[Array, "E"]  # second craft
-    interval: Int[Array, "E"]  # which interval, from 0
+    first: Int[Any, "E"]  # first craft
+    second: Int[Any, "E"]  # second craft
+    interval: Int[Any, "E"]  # which interval, from 0
 
-    def of(self, which: Int[Array, "L"]) -> "Encounters":
+    def of(self, which: Int[Any, "L"]) -> "Encounters":
         """The encounters of some indices."""
-        return Encounters(self.first[which], self.second[which], self.interval[which])
+        return type(self)(self.first[which], self.second[which], self.interval[which])
 
     @property
-    def craft(self) -> Int[Array, "E 2"]:
+    def craft(self) -> Int[Any, "E 2"]:
         """First and second craft."""
-        return np.stack([self.first, self.second], axis=1)
+        return namespace(self.first).stack([self.first, self.second], axis=1)
+
+    @property
+    def sides(self) -> Sides:
+        """The sides of planes, one between the two craft of each encounter."""
+        return Sides.of(self.craft)
 
     def relative(self, states: Float[Any, "N T 6"]) -> Float[Any, "E 2 6"]:
         """States of the first craft less those of the second at both ends of the interval."""
         nodes = self.craft.T * states.shape[1] + self.interval  # (2, E), of all craft's nodes
-        index = nodes[:, :, None] + np.arange(2)  # and those after them
+        index = nodes[:, :, None] + like(np.arange(2), nodes)  # and those after them
         one, other = rows(states.reshape(-1, 6), index.reshape(-1)).reshape(2, -1, 2, 6)
         return one - other
 
+    def approaches(
+        self,
+        states: Float[Any, "N T 6"],
+        within: Float[Any, "E"] | None = None,
+        before: EncounterGeometry | None = None,
+        moved: Bool[Any, "N"] | None = None,
+    ) -> EncounterGeometry:
+        """The closest approach of each; beyond a distance it may be left infinite.
 
-@dataclass(frozen=True, eq=False)
-class EncounterGeometry:
-    """The closest approach of each encounter, through which no gradient runs."""
-
-    share: Float[Array, "E"]  # when, as a share of the interval; 0 where it was not looked at
-    distance: Float[Array, "E"]  # r_col; infinite where it was not looked at
-    turns: Bool[Array, "E"]  # whether the pair comes closer before and parts after it
+        Pairs of which neither craft has moved keep what was found before; by default all have.
+        """
+        E = len(self.first)
+        share, distance, turns = np.empty(E), np.empty(E), np.empty(E, dtype=bool)
+        if before is not None:
+            share, distance = before.share.copy(), before.distance.copy()
+            turns = before.turns.copy()
+        within = np.full(E, np.inf) if within is None else within
+        moved = np.ones(len(states), dtype=bool) if moved is None else moved
+        pairs = (self.first, self.second, self.interval)
+        nearest(plain(states), *pairs, within, moved, share, distance, turns)
+        return EncounterGeometry(share, distance, turns)
 
 
 def encounters(
@@ -135,28 +167,6 @@ def extents(states: Float[Any, "N T 6"], n: int) -> Float[Any, "b"]:
     return xp.amax(xp.amax(position, axis=1) - xp.amin(position, axis=1), axis=1) / 2
 
 
-def approaches(
-    met: Encounters,
-    states: Float[Any, "N T 6"],
-    within: Float[Array, "E"] | None = None,
-    before: EncounterGeometry | None = None,
-    moved: Bool[Array, "N"] | None = None,
-) -> EncounterGeometry:
-    """The closest approach of each encounter; beyond a distance it may be left infinite.
-
-    Pairs of which neither craft has moved keep what was found before; by default all have.
-    """
-    E = len(met.first)
-    share, distance, turns = np.empty(E), np.empty(E), np.empty(E, dtype=bool)
-    if before is not None:
-        share, distance, turns = before.share.copy(), before.distance.copy(), before.turns.copy()
-    within = np.full(E, np.inf) if within is None else within
-    moved = np.ones(len(states), dtype=bool) if moved is None else moved
-    pairs = (met.first, met.second, met.interval)
-    nearest(plain(states), *pairs, within, moved, share, distance, turns)
-    return EncounterGeometry(share, distance, turns)
-
-
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Geometry of L encounters at a time in their intervals, relative to the second craft."""
@@ -168,10 +178,9 @@ class Scene:
     along: Float[Any, "L 3"]  # unit vector along the gap, from the second craft: the normal
     gain: Float[Any, "L m"]  # how the craft's controls move it along the normal
 
-    @property
-    def plain(self) -> "Scene":
-        """The same as arrays."""
-        return Scene(*map(plain, vars(self).values()))
+    def like(self, other: Any) -> "Scene":
+        """The same in the library of another array."""
+        return Scene(*(like(values, other) for values in vars(self).values()))
 
 
 def scene_of(
@@ -392,8 +401,8 @@ def closest(motion):
         step = slope / curvature if curvature > 0 else np.sign(slope) * (high - low) / 4
         s = min(max(s - step, low), high)
         square = distance_at(motion, s)[0]
-        if square < least:
-            when, least = s, square
+        if square <= least * EQUAL:
+            when, least = s, min(square, least)
     return when, np.sqrt(least)
 
 

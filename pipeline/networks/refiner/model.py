@@ -20,17 +20,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, no_type_check
+from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 from safetensors.numpy import load as arrays_from
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import geometry, programs
-from pipeline.networks.refiner.arrays import cast, constant, rows, self_adjoint, sigmoid, with_rows
+from pipeline.networks.refiner.arrays import cast, constant, indices, rows, sigmoid, with_rows
+from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 
 PLANE_DISTANCE = 1.3  # in r_col, within which pairs that turn from coming closer get a plane
@@ -102,65 +102,16 @@ def free_directions(gain: Float[Any, "L m"], grid: geometry.Grid) -> Float[Any, 
 
 
 def trades(
-    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: programs.Sides
+    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
 ) -> Float[Any, "L"]:
     """Message passing: the trade of each encounter, r_col; ``free`` compares planes."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
     embedded = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
-    received = aggregate(linear(weights, "tell", embedded), cast(free, w), sides)  # (L, 2, 2H)
+    received = sides.aggregate(linear(weights, "tell", embedded), cast(free, w))  # (L, 2, 2H)
     received = weights["hears"] * received
     offered = offers(weights, embedded, received, xp.flip(received, (1,)))  # (L, 2)
     return trade_of(offered[:, 0], offered[:, 1])
-
-
-def aggregate(
-    messages: Float[Any, "L 2 H"], free: Float[Any, "L m"], sides: programs.Sides
-) -> Float[Any, "L 2 _"]:
-    """Message aggregation: a cosine-weighted sum and a sum over the encounters of each craft.
-
-    The cosine is that between the planes, which the second craft of two meets from behind.
-    """
-    vectors = plain(free)
-
-    def sums(values: Float[Array, "L 2 _"]) -> Float[Array, "L 2 _"]:
-        result = np.zeros_like(values)
-        add_up(values, vectors, sides.start, sides.order, result)
-        return result
-
-    return self_adjoint(sums, namespace(messages).concatenate([messages, messages], axis=2))
-
-
-@no_type_check
-@njit(cache=True, fastmath=True)
-def add_up(messages, free, start, order, result):
-    """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
-
-    Messages, (L, 2, 2H), have the terms of the first sum and those of the second.
-    """
-    m, H = free.shape[1], messages.shape[2] // 2
-    every = np.empty(H, messages.dtype)
-    for c in range(len(start) - 1):
-        every[:] = 0.0
-        for a in range(start[c], start[c + 1]):
-            for h in range(H):
-                every[h] += messages[order[a] >> 1, order[a] & 1, H + h]
-        for a in range(start[c], start[c + 1]):
-            one, at = order[a] >> 1, order[a] & 1
-            for h in range(H):
-                result[one, at, H + h] = every[h]
-            for b in range(start[c], a + 1):
-                other, there = order[b] >> 1, order[b] & 1
-                cosine = messages.dtype.type(0.0)
-                for x in range(m):
-                    cosine += free[one, x] * free[other, x]
-                if at != there:
-                    cosine = -cosine
-                for h in range(H):
-                    result[one, at, h] += cosine * messages[other, there, h]
-                if a != b:
-                    for h in range(H):
-                        result[other, there, h] += cosine * messages[one, at, h]
 
 
 def offers(
@@ -226,7 +177,12 @@ class ProblemData:
     initial: Float[Any, "N 6"]  # states
     own: programs.Decoupled  # decoupled optima
     met: geometry.Encounters  # encounters that are looked at
-    swarm: Int[Array, "E"]  # whose each of these is
+    swarm: Int[Any, "E"]  # whose each of these is
+
+    @property
+    def of_craft(self) -> Int[Any, "N"]:
+        """The swarm of each craft."""
+        return like(np.arange(len(self.initial)) // self.n, self.swarm)
 
     def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
         """Σ‖u‖₁ of each swarm."""
@@ -240,8 +196,8 @@ class Iterate:
     controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
     near: geometry.EncounterGeometry  # closest approaches of the encounters
-    dual: Float[Array, "E 2"]  # of each plane in the round before, for either craft
-    first_dual: Float[Array, "E 2"]  # what its first unit costs; 0 before there is one
+    dual: Float[Any, "E 2"]  # of each plane in the round before, for either craft
+    first_dual: Float[Any, "E 2"]  # what its first unit costs; 0 before there is one
 
 
 def problem_data(
@@ -264,9 +220,10 @@ def problem_data(
 
 def start(data: ProblemData) -> Iterate:
     """The first iterate: decoupled optima, without planes."""
-    controls, nothing = like(data.own.controls, data.initial), np.zeros((len(data.swarm), 2))
+    controls = like(data.own.controls, data.initial)
+    nothing = like(np.zeros((len(data.swarm), 2)), data.swarm)
     states = data.grid.fly(data.initial, controls)
-    near = geometry.approaches(data.met, states, np.full(len(nothing), PLANE_DISTANCE))
+    near = data.met.approaches(states, nothing[:, 0] + PLANE_DISTANCE)
     return Iterate(controls, states, near, nothing, nothing)
 
 
@@ -278,7 +235,7 @@ def run_round(
     data: ProblemData,
     now: Iterate,
     number: int,
-    among: Bool[Array, "b"] | None = None,
+    among: Bool[Any, "b"] | None = None,
 ) -> Iterate:
     """One round of message passing: the next iterate. Rounds count from 0; no weights, no trades.
 
@@ -288,7 +245,7 @@ def run_round(
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
     if among is not None:
         live &= among[data.swarm]
-    which = np.flatnonzero(live)  # (L,)
+    which, xp = indices(live), namespace(live)  # (L,)
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
@@ -296,28 +253,28 @@ def run_round(
     craft = met.craft  # (L, 2)
     scene = geometry.scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
-    first_dual = _with_first_duals(data, now.first_dual, which, plain(gain))  # (E, 2)
-    dual, first = now.dual[which], first_dual[which]  # (L, 2)
-    sides = programs.sides_of(craft)
+    first_dual = _with_first_duals(data, now.first_dual, which, like(gain, now.dual))  # (E, 2)
+    dual, first, sides = now.dual[which], first_dual[which], met.sides  # (L, 2), (L, 2)
     trade = constant(distance) * 0
     if weights is not None:
-        load = _node_features(craft, dual, data, plain(now.controls))  # (L, 2, 3)
-        features = edge_features(scene.plain, grid.nodes, dual, first, load, number)  # (L, 2, F)
+        load = _node_features(sides, craft, dual, data, like(now.controls, dual))  # (L, 2, 3)
+        seen = scene.like(dual)
+        features = edge_features(seen, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
         trade = trades(weights, like(features, gain), free, sides)  # (L,)
     give = way_to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = programs.optima(data.own, sides, gain, asked)  # (C, m), (L, 2)
+    best, paid = data.own.optima(sides, gain, asked)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)  # (N, m)
     flown = grid.fly(rows(data.initial, sides.craft), best)  # (C, T, 6)
     states = with_rows(now.states, sides.craft, flown)  # (N, T, 6)
-    dual = with_rows(np.zeros_like(now.dual), which, paid)  # (E, 2)
-    moved = np.zeros(len(controls), dtype=bool)
-    moved[sides.craft] = True
+    dual = with_rows(xp.zeros_like(now.dual), which, paid)  # (E, 2)
+    moved = xp.bincount(sides.craft, minlength=len(controls)) > 0
     # Encounters with planes are seen at any distance, others where they would get one.
-    within = np.where(first_dual[:, 0] > 0, np.inf, PLANE_DISTANCE)
-    near = geometry.approaches(data.met, states, within, now.near, moved)
+    within = xp.full_like(dual[:, 0], PLANE_DISTANCE)
+    within[first_dual[:, 0] > 0] = np.inf
+    near = data.met.approaches(states, within, now.near, moved)
     return Iterate(controls, states, near, dual, first_dual)
 
 
@@ -330,33 +287,31 @@ def gets_plane(
 
 def _with_first_duals(
     data: ProblemData,
-    first_dual: Float[Array, "E 2"],
-    which: Int[Array, "L"],
-    gain: Float[Array, "L m"],
-) -> Float[Array, "E 2"]:
+    first_dual: Float[Any, "E 2"],
+    which: Int[Any, "L"],
+    gain: Float[Any, "L m"],
+) -> Float[Any, "E 2"]:
     """First duals, with those of new planes filled in."""
-    new = np.flatnonzero(first_dual[which, 0] == 0)
+    new, xp = indices(first_dual[which, 0] == 0), namespace(first_dual)
     if len(new) == 0:
         return first_dual
     craft, gain = data.met.of(which[new]).craft, gain[new]
-    found = [
-        programs.first_duals(data.own, craft[:, k], sign * gain) for k, sign in enumerate((1, -1))
-    ]
-    return with_rows(first_dual, which[new], np.maximum(np.stack(found, axis=1), LEAST_DUAL))
+    found = [data.own.first_duals(craft[:, k], sign * gain) for k, sign in enumerate((1, -1))]
+    return with_rows(first_dual, which[new], xp.clip(xp.stack(found, axis=1), LEAST_DUAL, None))
 
 
 def _node_features(
-    craft: Int[Array, "L 2"],
-    dual: Float[Array, "L 2"],
+    sides: Sides,
+    craft: Int[Any, "L 2"],
+    dual: Float[Any, "L 2"],
     data: ProblemData,
-    controls: Float[Array, "N m"],
-) -> Float[Array, "L 2 3"]:
+    controls: Float[Any, "N m"],
+) -> Float[Any, "L 2 3"]:
     """Node features of either craft: planes, sum of their duals, fuel beyond the optimum."""
-    N = len(controls)
-    count = np.bincount(craft.reshape(-1), minlength=N)
-    paid = np.bincount(craft.reshape(-1), dual.reshape(-1), minlength=N)
+    xp = namespace(dual)
+    count, paid = sides.totals(xp.ones_like(dual)), sides.totals(dual)
     more = abs(controls).sum(axis=1) - abs(data.own.controls).sum(axis=1)
-    return np.stack([count, paid, more], axis=1)[craft]
+    return xp.stack([count, paid, more[craft]], axis=2)
 
 
 # The answer: the cheapest safe iterate; and the shortfall of separation, which is trained on.
@@ -385,27 +340,26 @@ def cheapest_safe(
     safe and its fuel next to unchanged.
     """
     now = start(data)
-    best, least = now.controls, safe_fuel(data, now)
-    going = np.isinf(least)
+    best, least, xp = now.controls, safe_fuel(data, now), namespace(now.controls)
+    going = xp.isinf(least)
     for number in range(rounds):
         if not going.any():
             break
         before = data.fuel(now.controls)
         now = run_round(weights, data, now, number, going)
         fuel = safe_fuel(data, now)
-        better = (fuel < least) | np.isinf(least)
-        best = np.where(np.repeat(better, data.n)[:, None], now.controls, best)
+        better = (fuel < least) | xp.isinf(least)
+        best = xp.where(better[data.of_craft, None], now.controls, best)
         going &= ~(abs(fuel - before) <= STEADY * before)
-        least = np.minimum(least, fuel)
-    return best, np.isfinite(least)
+        least = xp.minimum(least, fuel)
+    return best, xp.isfinite(least)
 
 
 def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
     """Fuel of each swarm, infinite where it is not safe."""
-    fuel = data.fuel(now.controls)
-    return np.where(
-        np.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel)), np.inf, fuel
-    )
+    fuel, xp = data.fuel(now.controls), namespace(now.controls)
+    unsafe = xp.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel))
+    return xp.where(unsafe > 0, np.inf, fuel)
 
 
 def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from pipeline.networks.refiner.geometry import Encounters, approaches, encounters, in_units
+from pipeline.networks.refiner.geometry import Encounters, encounters, in_units
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, track
 from pipeline.scenario import draw
@@ -52,7 +52,7 @@ def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
 
 def test_the_closest_approach_is_the_least_of_the_samples():
     met = encounters(SCALED, N, 5.0, 0.0)
-    found = approaches(met, SCALED)
+    found = met.approaches(SCALED)
     distance = sampled()[met.first, met.second, met.interval]
     assert found.distance == pytest.approx(distance.min(axis=1), abs=2e-4)
     when = distance.argmin(axis=1) / STEPS
@@ -67,7 +67,8 @@ def test_fast_passes_are_found_as_well():
     turn = 30 * rng.normal(size=(200, 2, 3))
     miss, when = rng.normal(size=(200, 1, 3)), rng.uniform(0, 1, size=(200, 1, 1))
     ends = np.concatenate([miss + (np.array([[[0.0], [1.0]]]) - when) * speed, speed + turn], 2)
-    found = approaches(*pairs_of(ends))
+    met, states = pairs_of(ends)
+    found = met.approaches(states)
     motion = CubicHermiteSpline([0, 1], ends[..., :3], ends[..., 3:], axis=1)
     least = np.linalg.norm(motion(np.linspace(0, 1, 40_001)), axis=2).min(axis=1)
     assert found.distance == pytest.approx(least, abs=2e-3)
@@ -78,8 +79,8 @@ def test_who_is_sure_to_stay_beyond_a_distance_is_not_looked_at_and_nobody_else(
     rng = np.random.default_rng(1)
     ends = rng.normal(size=(3000, 2, 6)) * [2, 2, 2, 1, 1, 1]
     met, states = pairs_of(ends)
-    every = approaches(met, states)
-    some = approaches(met, states, np.full_like(every.distance, 2.0))
+    every = met.approaches(states)
+    some = met.approaches(states, np.full_like(every.distance, 2.0))
     unseen = np.isinf(some.distance)
     assert (every.distance[unseen] > 2).all()
     assert np.array_equal(some.distance[~unseen], every.distance[~unseen])
@@ -120,7 +121,8 @@ def test_the_closest_approach_of_any_cubic_is_found():
     """Random motion with strong bends, against ten thousand samples."""
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(500, 2, 6)) * [1, 1, 1, 2, 2, 2]
-    found = approaches(*pairs_of(ends))
+    met, states = pairs_of(ends)
+    found = met.approaches(states)
     s = np.linspace(0, 1, 10_001)[:, None, None]
     (p0, v0), (p1, v1) = (np.split(ends[:, k], 2, axis=1) for k in (0, 1))
     p = p0 + s * (v0 + s * (3 * (p1 - p0) - 2 * v0 - v1 + s * (2 * (p0 - p1) + v0 + v1)))
@@ -137,7 +139,7 @@ def turning(x, speed):
     states[0, :, 0], states[0, :, 3] = x, speed
     each = np.arange(len(x) - 1)
     met = Encounters(np.zeros_like(each), np.ones_like(each), each)
-    found = approaches(met, states)
+    found = met.approaches(states)
     return each[found.turns].tolist(), found
 
 

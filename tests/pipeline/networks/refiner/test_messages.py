@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from pipeline.arrays import plain
-from pipeline.networks.refiner.model import aggregate
-from pipeline.networks.refiner.programs import sides_of
+from pipeline.networks.refiner.sides import Sides
 
 CRAFT, ENCOUNTERS, H, M = 7, 12, 3, 5
 
@@ -31,7 +30,7 @@ def written_out(pair, free, told):
 
 def test_sides_are_those_of_their_craft_in_order(drawn):
     pair, _, _ = drawn
-    sides = sides_of(plain(pair))
+    sides = Sides.of(plain(pair))
     craft = pair.reshape(-1)
     assert sides.craft.tolist() == sorted(set(craft.tolist()))
     assert sorted(sides.order.tolist()) == list(range(2 * ENCOUNTERS))
@@ -43,17 +42,17 @@ def test_sides_are_those_of_their_craft_in_order(drawn):
 
 def test_an_edge_aggregates_the_messages_of_all_edges_of_its_craft(drawn):
     pair, free, told = drawn
-    found = aggregate(told, free, sides_of(plain(pair)))
+    found = Sides.of(plain(pair)).aggregate(told, free)
     torch.testing.assert_close(found, written_out(pair, free, told))
     assert found.std() > 0.5
-    same = aggregate(plain(told), plain(free), sides_of(plain(pair)))
+    same = Sides.of(plain(pair)).aggregate(plain(told), plain(free))
     assert np.array_equal(same, found.numpy())
 
 
 def test_gradients_are_those_of_the_definition(drawn):
     pair, free, told = drawn
-    taste, sides = torch.randn(ENCOUNTERS, 2, 2 * H).double(), sides_of(plain(pair))
+    taste, sides = torch.randn(ENCOUNTERS, 2, 2 * H).double(), Sides.of(plain(pair))
     mine, theirs = told.clone().requires_grad_(), told.clone().requires_grad_()
-    (aggregate(mine, free, sides) * taste).sum().backward()
+    (sides.aggregate(mine, free) * taste).sum().backward()
     (written_out(pair, free, theirs) * taste).sum().backward()
     torch.testing.assert_close(mine.grad, theirs.grad)

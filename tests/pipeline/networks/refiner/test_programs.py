@@ -7,9 +7,9 @@ from scipy.optimize import linprog
 from tableaux import one_of
 
 from pipeline.errors import InputError
-from pipeline.networks.refiner import programs
 from pipeline.networks.refiner.geometry import grid_of
-from pipeline.networks.refiner.programs import LARGEST_DUAL, decoupled_optima, sides_of
+from pipeline.networks.refiner.programs import LARGEST_DUAL, decoupled_optima
+from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -37,20 +37,20 @@ def drawn_programs(problem, seed=0):
 def first_sides(count):
     """Sides of planes of which nothing is asked of the second craft, the one after the first."""
     first = np.arange(len(count)).repeat(count)
-    return sides_of(np.stack([first, (first + 1) % len(count)], axis=1))
+    return Sides.of(np.stack([first, (first + 1) % len(count)], axis=1))
 
 
 def solve(own, row, asked, count):
     """Controls and duals; planes stand one craft's after the other's."""
     sides, both = first_sides(count), np.stack([asked, np.full_like(asked, -1000.0)], axis=1)
-    controls, dual = programs.optima(own, sides, row, both)
+    controls, dual = own.optima(sides, row, both)
     assert (dual[:, 1] == 0).all()
     return controls, dual[:, 0]
 
 
 def first_dual(own, row):
     """Of a row for each craft."""
-    return programs.first_duals(own, np.arange(len(row)), row)
+    return own.first_duals(np.arange(len(row)), row)
 
 
 def by_craft(values, count):
@@ -91,8 +91,8 @@ def test_the_second_craft_of_a_plane_sees_it_from_the_other_side():
     own, row, asked, _, _ = drawn_programs(Problem())
     pair, one = np.array([[3, 8], [8, 20]]), row[:2]
     both = np.stack([asked[:2], asked[2:4]], axis=1)
-    sides = sides_of(pair)
-    controls, dual = programs.optima(own, sides, one, both)
+    sides = Sides.of(pair)
+    controls, dual = own.optima(sides, one, both)
     assert sides.craft.tolist() == [3, 8, 20]
     asked_of = {3: [(0, 0)], 8: [(0, 1), (1, 0)], 20: [(1, 1)]}
     for k, craft in enumerate(sides.craft.tolist()):
@@ -128,7 +128,7 @@ def test_gradients_are_how_the_optimum_moves():
     )
     rows, wanted = (torch.from_numpy(x).requires_grad_() for x in (row, asked))
     both = torch.stack([wanted, torch.full_like(wanted, -1000.0)], dim=1)
-    controls, _ = programs.optima(own, first_sides(count), rows, both)
+    controls, _ = own.optima(first_sides(count), rows, both)
     (controls * torch.from_numpy(taste)).sum().backward()
     step, now = 1e-6, controls.detach().numpy()
     assert np.array_equal(now, solve(own, row, asked, count)[0])

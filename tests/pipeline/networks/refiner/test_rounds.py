@@ -15,8 +15,8 @@ from pipeline.networks.refiner.model import (
     trades,
     way_to_give,
 )
-from pipeline.networks.refiner.programs import sides_of
 from pipeline.networks.refiner.refiner import MessagePassing
+from pipeline.networks.refiner.sides import Sides
 
 
 def given(distance, dual, first_dual, trade=0.0):
@@ -61,11 +61,11 @@ def test_both_sides_find_the_same_trade_with_numpy_as_with_torch():
     torch.nn.init.normal_(network.offer.weight)
     pairs, seen = np.array([[0, 1], [1, 2], [0, 2]]), torch.randn(3, 2, FEATURES).double()
     free = torch.nn.functional.normalize(torch.randn(3, 30).double(), dim=1)
-    found = trades(network.weights, seen, free, sides_of(pairs)).detach()
-    turned = trades(network.weights, seen.flip(1), -free, sides_of(pairs[:, ::-1])).detach()
+    found = trades(network.weights, seen, free, Sides.of(pairs)).detach()
+    turned = trades(network.weights, seen.flip(1), -free, Sides.of(pairs[:, ::-1])).detach()
     assert found.abs().max() > 1e-3
     assert turned.tolist() == pytest.approx((-found).tolist(), abs=1e-12)
-    same = trades(network.arrays, plain(seen), plain(free), sides_of(pairs))
+    same = trades(network.arrays, plain(seen), plain(free), Sides.of(pairs))
     assert same == pytest.approx(found.numpy(), rel=1e-9, abs=1e-12)
 
 
@@ -79,7 +79,7 @@ def test_message_passing_is_that_of_torch_s_own_layers():
     heard = network.tell(said).repeat(1, 1, 2)  # nobody else is there to be heard
     every = torch.cat([said, heard, heard.flip(1)], dim=2)
     one, other = network.offer(network.weigh(every))[..., 0].T
-    trade = trades(network.weights, seen, free, sides_of(np.array([[0, 1]])))
+    trade = trades(network.weights, seen, free, Sides.of(np.array([[0, 1]])))
     assert trade.item() == pytest.approx(trade_of(one, other).item(), rel=1e-5)
 
 

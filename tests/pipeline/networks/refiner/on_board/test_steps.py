@@ -10,19 +10,13 @@ from tableaux import one_of
 
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.refiner.geometry import Encounters, approaches, grid_of
-from pipeline.networks.refiner.on_board import (
-    ROUND,
-    STEPS,
-    Tableau,
-    decoupled_optimum,
-    nearest,
-    solve_one,
-    told_each_round,
-    turns,
-)
+from pipeline.networks.refiner import tensors
+from pipeline.networks.refiner.geometry import Encounters, grid_of
+from pipeline.networks.refiner.on_board import ROUND, STEPS, told_each_round
 from pipeline.networks.refiner.on_board_export import Discrepancy, compare, fly_rounds, together
-from pipeline.networks.refiner.programs import LARGEST_DUAL, Sides, decoupled_optima, optima
+from pipeline.networks.refiner.programs import LARGEST_DUAL, decoupled_optima
+from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.tensors import nearest, turns
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario import draw
@@ -108,11 +102,9 @@ def own_of(problem, initial, goal):
     return decoupled_optima(*ends, grid_of(problem), problem), ends
 
 
-def tableau(own):
-    """That of one decoupled optimum."""
-    (basis,) = own.basis
-    parts = own.tableau[0], own.controls[0, basis], own.side[0], basis, own.others[0], own.cost[0]
-    return Tableau(*map(torch.from_numpy, parts), torch.zeros(1, dtype=torch.long))
+def as_tensors(own):
+    """The same optima as tensors."""
+    return tensors.Decoupled(*map(torch.from_numpy, vars(own).values()))
 
 
 def test_one_craft_s_program_is_that_of_many():
@@ -131,10 +123,10 @@ def test_one_craft_s_program_is_that_of_many():
             one, some = one_of(own, k), real[k]
             order = 2 * np.arange(some.sum())
             first = Sides(np.array([0]), np.array([0, some.sum()]), order, np.zeros_like(order))
-            wanted = optima(one, first, row[k, some], np.tile(asked[k, some, None], 2))
-            given = (torch.from_numpy(values[k]) for values in (row, asked, real))
-            controls, dual = solve_one(tableau(one), *given)
-            assert controls.numpy() == pytest.approx(wanted[0][0], abs=1e-8)
+            wanted = one.optima(first, row[k, some], np.tile(asked[k, some, None], 2))
+            given = (torch.from_numpy(values[None, k]) for values in (row, asked, real))
+            controls, (dual,) = as_tensors(one).solved(*given)
+            assert controls.numpy() == pytest.approx(wanted[0], abs=1e-8)
             assert dual.numpy()[some] == pytest.approx(wanted[1][:, 0], abs=1e-7)
             assert (dual.numpy()[~some] == 0).all()
             largest = max(largest, float(dual.amax()))
@@ -147,7 +139,7 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     first = np.arange(0, 40, 2).repeat(5)
     met = Encounters(first, first + 1, np.tile(np.arange(5), 20))
     ends = torch.from_numpy(met.relative(states))
-    share, found = nearest(ends), approaches(met, states)
+    share, found = nearest(ends), met.approaches(states)
     assert share.numpy() == pytest.approx(found.share, abs=1e-6)
     assert np.array_equal(turns(ends, share).numpy(), found.turns)
     assert (~found.turns).sum() > 5
@@ -161,16 +153,15 @@ def test_the_decoupled_optimum_that_a_craft_looks_up_is_the_swarm_s():
         goal[1, [2, 5]] = initial[1, [2, 5]] = 0.0  # nothing across the plane
         every, scaled = own_of(problem, initial, goal)
         for k in range(20):
-            ends = (torch.from_numpy(end[k]) for end in scaled)
-            own, same = decoupled_optimum(*ends, grid, problem), tableau(one_of(every, k))
-            assert own.value.numpy() == pytest.approx(same.value.numpy(), abs=1e-8)
+            ends = (torch.from_numpy(end[[k]]) for end in scaled)
+            own, same = tensors.decoupled_optima(*ends, grid, problem), one_of(every, k)
+            assert own.controls.numpy() == pytest.approx(same.controls, abs=1e-8)
             if k == 0:
                 continue  # any basis will do
-            assert torch.equal(own.basic, same.basic)
-            assert torch.equal(own.other, same.other)
-            assert torch.equal(own.side, same.side)
-            assert own.body.numpy() == pytest.approx(same.body.numpy(), abs=1e-7)
-            assert own.cost.numpy() == pytest.approx(same.cost.numpy(), abs=1e-7)
+            for name in ("basis", "others", "side"):
+                assert np.array_equal(getattr(own, name).numpy(), getattr(same, name))
+            assert own.tableau.numpy() == pytest.approx(same.tableau, abs=1e-7)
+            assert own.cost.numpy() == pytest.approx(same.cost, abs=1e-7)
 
 
 def test_a_craft_tells_50_numbers_for_each_live_encounter_in_a_round():

@@ -1,0 +1,400 @@
+"""The refiner's compiled parts once more by torch alone: for a GPU, and for graphs of one craft.
+
+What ``Encounters``, ``Sides`` and ``Decoupled`` compute by loops over craft and pairs, their kinds
+here compute for all at once, on the device where their arrays are: the closest approach of cubics,
+sums over the planes of a craft, the table of ``orbit.decoupled``, and the pivots of ``programs``.
+None of it has gradients. For few craft that is slower than the compiled code by far.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from pipeline.arrays import Bool, Float, Int, tensor
+from pipeline.errors import InputError
+from pipeline.networks.refiner import geometry, model, programs
+from pipeline.networks.refiner.arrays import where
+from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
+from pipeline.networks.refiner.sides import Sides
+from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
+from pipeline.orbit.problem import Problem
+
+PAIRS_AT_ONCE = 2_000_000  # pairs and intervals that are looked at together
+PIVOTS_AT_ONCE = 4  # of all craft, before those that are done are put aside
+
+
+# Encounters: who comes close to whom, and when.
+
+
+class Encounters(geometry.Encounters):
+    """Encounters whose closest approaches are found all at once."""
+
+    @property
+    def sides(self) -> Sides:
+        """As ``geometry.Encounters.sides``."""
+        return PaddedSides.of(self.craft)
+
+    def approaches(
+        self,
+        states: Float[Tensor, "N T 6"],
+        within: Float[Tensor, "E"] | None = None,
+        before: geometry.EncounterGeometry | None = None,
+        moved: Bool[Tensor, "N"] | None = None,
+    ) -> geometry.EncounterGeometry:
+        """As ``geometry.Encounters.approaches``."""
+        ends = self.relative(states)
+        near = torch.ones_like(self.first, dtype=torch.bool)
+        if within is not None:
+            near = ~stays_beyond(ends, within)
+        share, distance = torch.zeros_like(ends[:, 0, 0]), torch.full_like(ends[:, 0, 0], torch.inf)
+        turning, which = torch.zeros_like(near), near.nonzero()[:, 0]
+        share[which] = nearest(ends[which])
+        distance[which] = torch.linalg.vector_norm(positions(ends[which], share[which]), dim=1)
+        turning[which] = turns(ends[which], share[which])
+        if before is not None and moved is not None:
+            looked = moved[self.first] | moved[self.second]
+            share = torch.where(looked, share, before.share)
+            distance = torch.where(looked, distance, before.distance)
+            turning = torch.where(looked, turning, before.turns)
+        return geometry.EncounterGeometry(share, distance, turning)
+
+
+def encounters(states: Float[Tensor, "N T 6"], n: int) -> Encounters:
+    """As ``geometry.encounters``, some swarms at a time."""
+    within = geometry.extents(states, n) * geometry.NEAR_OF_EXTENT
+    within = within.clamp(min=geometry.NEAR)
+    i, j = torch.triu_indices(n, n, 1, device=states.device)
+    swarms, T = states.reshape(-1, n, *states.shape[1:]), states.shape[1]
+    found, step = [], max(1, PAIRS_AT_ONCE // max(1, len(i) * T))
+    for k in range(0, len(swarms), step):
+        some = swarms[k : k + step]
+        relative = some[:, i] - some[:, j]  # (b, pairs, T, 6)
+        ends = torch.stack([relative[:, :, :-1], relative[:, :, 1:]], dim=3)
+        reach = within[k : k + step, None, None].expand(ends.shape[:3])
+        which = (~stays_beyond(ends.flatten(0, 2), reach.flatten())).nonzero()[:, 0]
+        near = ends.flatten(0, 2)[which]
+        closest = torch.linalg.vector_norm(positions(near, nearest(near)), dim=1)
+        which = which[closest <= reach.flatten()[which]]
+        swarm, pair = k + which // (len(i) * (T - 1)), which // (T - 1) % max(1, len(i))
+        found.append(torch.stack([swarm * n + i[pair], swarm * n + j[pair], which % (T - 1)]))
+    return Encounters(*torch.cat(found, dim=1))
+
+
+def stays_beyond(ends: Float[Tensor, "L 2 6"], within: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
+    """Whether each pair certainly stays beyond a distance, as ``geometry.stays_beyond``."""
+    (here, go), (there, arrive) = ends.reshape(-1, 2, 2, 3).permute(1, 2, 0, 3)
+    middle = here + there
+    corners = (here, here + geometry.THIRD * go, there - geometry.THIRD * arrive, there)
+    least = torch.stack([(corner * middle).sum(dim=1) for corner in corners]).amin(dim=0)
+    return (least > 0) & (least.square() > within.square() * middle.square().sum(dim=1))
+
+
+def turns(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
+    """Whether each pair comes closer before and parts after its closest approach."""
+    gap, speed = positions(ends, share), velocities(ends, share)
+    along = (gap * speed).sum(dim=1) ** 2
+    level = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
+    return ((share > 0) & (share < 1)) | level
+
+
+def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
+    """When each relative position is closest to 0, as a share of the interval."""
+    stretches = geometry.STRETCHES
+    knots = torch.arange(stretches + 1, dtype=ends.dtype, device=ends.device)[:, None] / stretches
+    knots = knots.expand(-1, ends.shape[0])
+    here = positions(ends, knots)
+    way = here[1:] - here[:-1]
+    length = way.square().sum(dim=2).clamp(min=torch.finfo(ends.dtype).tiny)
+    share = (-(here[:-1] * way).sum(dim=2) / length).clamp(0.0, 1.0)
+    times = torch.cat([knots, knots[:-1] + share / stretches])
+    squares = positions(ends, times).square().sum(dim=2)
+    least = squares.amin(dim=0)
+    s = when = times.gather(0, squares.argmin(dim=0, keepdim=True))[0]
+    low, high = (when - 1 / stretches).clamp(min=0.0), (when + 1 / stretches).clamp(max=1.0)
+    for _ in range(geometry.NEWTON_STEPS):
+        gap, speed = positions(ends, s), velocities(ends, s)
+        slope = (gap * speed).sum(dim=1)
+        curvature = (speed.square() + gap * accelerations(ends, s)).sum(dim=1)
+        flat = torch.sign(slope) * (high - low) / 4
+        step = torch.where(curvature > 0, slope / curvature, flat)
+        s = torch.minimum(torch.maximum(s - step, low), high)
+        square = positions(ends, s).square().sum(dim=1)
+        when = torch.where(square <= least * geometry.EQUAL, s, when)
+        least = torch.minimum(square, least)
+    return when
+
+
+# Sums over the planes of a craft.
+
+
+class PaddedSides(Sides):
+    """Sides in a table with a row for each craft, as long as the longest."""
+
+    @cached_property
+    def table(self) -> tuple[Int[Tensor, "C P"], Bool[Tensor, "C P"]]:
+        """The sides of each craft, and which entries are sides and no filling."""
+        most = int((self.start[1:] - self.start[:-1]).max())
+        slot = self.start[:-1, None] + torch.arange(most, device=self.start.device)
+        real = slot < self.start[1:, None]
+        return self.order[slot.clamp(max=len(self.order) - 1)], real
+
+    def by_craft(self, values: Float[Tensor, "S *k"]) -> Float[Tensor, "C P *k"]:
+        """Values of all sides by craft, 0 where there is none."""
+        side, real = self.table
+        return values[side] * real.reshape(*real.shape, *[1] * (values.dim() - 1))
+
+    def totals(self, values: Float[Tensor, "L 2"]) -> Float[Tensor, "L 2"]:
+        """As ``Sides.totals``."""
+        return self.by_craft(values.reshape(-1)).sum(dim=1)[self.place].reshape(values.shape)
+
+    def aggregate(
+        self, messages: Float[Tensor, "L 2 H"], free: Float[Tensor, "L m"]
+    ) -> Float[Tensor, "L 2 _"]:
+        """As ``Sides.aggregate``."""
+        said = self.by_craft(messages.flatten(0, 1))  # (C, P, H)
+        plane = self.by_craft(torch.stack([free, -free], dim=1).flatten(0, 1))  # (C, P, m)
+        alike = plane @ (plane.mT @ said)
+        heard = torch.cat([alike, said.sum(dim=1, keepdim=True).expand_as(alike)], dim=2)
+        side, real = self.table
+        result = heard.new_zeros(len(self.order), heard.shape[2])
+        result[side[real]] = heard[real]
+        return result.reshape(*messages.shape[:2], -1)
+
+
+# The decoupled optimum of each craft, by the table, and each craft's own program from there.
+
+
+@dataclass(frozen=True, eq=False)
+class Decoupled(programs.Decoupled):
+    """Decoupled optima from which programs are solved all at once."""
+
+    def optima(
+        self, sides: Sides, gain: Float[Tensor, "L m"], asked: Float[Tensor, "L 2"]
+    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
+        """As ``programs.Decoupled.optima``."""
+        assert isinstance(sides, PaddedSides)
+        side, real = sides.table
+        row = sides.by_craft(torch.stack([gain, -gain], dim=1).flatten(0, 1))
+        controls, paid = self.of(sides.craft).solved(row, asked.reshape(-1)[side], real)
+        dual = torch.zeros_like(asked).reshape(-1)
+        dual[side[real]] = paid[real]
+        return controls, dual.reshape(asked.shape)
+
+    def first_duals(
+        self, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"]
+    ) -> Float[Tensor, "k"]:
+        """As ``programs.Decoupled.first_duals``."""
+        return self.of(craft).first_ratios(gain[:, None])[:, 0]
+
+    def of(self, craft: Int[Tensor, "C"]) -> "Decoupled":
+        """The decoupled optima of some craft."""
+        return Decoupled(*(values[craft] for values in vars(self).values()))
+
+    def first_ratios(self, row: Float[Tensor, "C p m"]) -> Float[Tensor, "C p"]:
+        """What the first unit along each row of a craft costs it: the dual simplex ratio."""
+        moved, cost = -self._reduced(row), self.cost[:, None]
+        rise = torch.where(moved > 0, 1 - cost, 1 + cost)
+        # The sign of rounding says nothing.
+        rise = torch.where(moved.abs() < programs.SMALL, 1.0, rise)
+        return (rise / moved.abs().clamp(min=programs.SMALL)).amin(dim=2)
+
+    def _reduced(self, row: Float[Tensor, "C p m"]) -> Float[Tensor, "C p o"]:
+        """Rows in terms of the nonbasic controls, negated as in a tableau."""
+        basic, other = (_along(row, one) for one in (self.basis, self.others))
+        return basic @ self.tableau - other
+
+    def solved(
+        self, row: Float[Tensor, "C p m"], asked: Float[Tensor, "C p"], real: Bool[Tensor, "C p"]
+    ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "C p"]]:
+        """Controls and duals of each program, with planes g·u ≥ d where they are ``real``.
+
+        The pivots are those of ``programs.solve_all``, in their order.
+        """
+        (C, p, m), new = row.shape, row.new_ones
+        row = torch.where(real[..., None], row, 0.0)
+        left = torch.where(real, (row @ self.controls[..., None])[..., 0] - asked, 1.0)
+        planes = torch.arange(m, m + p, device=row.device).expand(C, -1)
+        begun = Tableau(
+            torch.cat([self.tableau, self._reduced(row)], dim=1),
+            torch.cat([self.controls.gather(1, self.basis), left], dim=1),
+            torch.cat([self.side, torch.ones_like(left)], dim=1),
+            torch.cat([self.basis, planes], dim=1),
+            self.others.clone(),
+            self.cost.clone(),
+            torch.cat([self.basis >= 0, torch.zeros_like(real)], dim=1),
+            torch.zeros(1, dtype=torch.long, device=row.device),
+        )
+        low = torch.cat([-new(m), -programs.LARGEST_DUAL * new(p)])
+        high = torch.cat([new(m), 0 * new(p)])
+        found = _repeat(lambda *parts: _pivot(Tableau(*parts), low, high), begun)
+        slope = torch.where(found.side > 0, high[found.basic], low[found.basic])
+        none = torch.zeros_like(low).expand(C, -1)
+        every = none.scatter(1, found.basic, slope).scatter(1, found.other, found.cost)
+        dual = -every[:, m:]
+        controls = none.scatter(1, found.basic, found.value)[:, :m]
+        return controls, dual.clamp(0.0, programs.LARGEST_DUAL)  # ties may take it beyond
+
+
+def decoupled_optima(
+    initial: Float[Tensor, "C 6"], goal: Float[Tensor, "C 6"], grid: Grid, problem: Problem
+) -> Decoupled:
+    """As ``programs.decoupled_optima``."""
+    table, device = facets_of(problem), initial.device
+    if table is None:
+        raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
+    units = torch.tensor([1.0, 1 / grid.step], dtype=initial.dtype, device=device)
+    units = units.repeat_interleave(3)
+    miss = (goal - initial @ grid.drift[-6:].T) * units
+    (C, _), m = miss.shape, grid.reach.shape[1]
+    inverse, side = miss.new_zeros(C, 6, 6), torch.zeros_like(miss)
+    basic = torch.zeros_like(miss, dtype=torch.long)
+    for facets in table:
+        component = tensor(facets.component, device)
+        facet, weights = _met(facets, miss[:, component])
+        its_side = tensor(facets.sign, device)[facet]
+        part = miss.new_zeros(C, len(component), 6).index_copy(2, component, weights)
+        inverse = inverse.index_copy(1, component, its_side[..., None] * part)
+        basic = basic.index_copy(1, component, tensor(facets.column, device)[facet])
+        side = side.index_copy(1, component, its_side)
+    inverse = inverse * grid.step**2
+    is_basic = torch.zeros(C, m, dtype=torch.long, device=device).scatter(1, basic, 1)
+    every = torch.arange(m, device=device)
+    other = (every + m * is_basic).sort(dim=1).values.index_select(1, every[: m - 6])
+    tableau = (inverse * units) @ grid.reach[-6:].T[other].mT
+    value = (inverse @ miss[..., None])[..., 0]
+    controls = miss.new_zeros(C, m).scatter(1, basic, value)
+    return Decoupled(controls, basic, other, side, tableau, (side[:, None] @ tableau)[:, 0])
+
+
+def _met(
+    facets: Facets, part: Float[Tensor, "C d"]
+) -> tuple[Int[Tensor, "C"], Float[Tensor, "C d d"]]:
+    """Index and weights of the facet that each ray meets, chosen as in ``orbit.decoupled``."""
+    table, dual = (tensor(one, part.device) for one in (facets.weights, facets.dual))
+    value = part @ dual.T  # (C, F)
+    first = value.argmax(dim=1)
+    best = value.gather(1, first[:, None])
+    weight = (table[first] @ part[..., None])[..., 0]
+    wrong = weight.amin(dim=1) < -ROUNDING * weight.abs().sum(dim=1)
+
+    def inner() -> Tensor:
+        """Of several in one plane the one whose weights are not negative."""
+        least = torch.einsum("fij,cj->cfi", table, part).amin(dim=2)
+        near = value >= best - ROUNDING * best.abs()
+        return torch.where(near, least, -torch.inf).argmax(dim=1)
+
+    facet = where(wrong, inner, first)
+    return facet, table[facet]
+
+
+class Tableau(NamedTuple):
+    """Programs with b basic and o other variables, as in ``refiner.programs``."""
+
+    body: Float[Tensor, "C b o"]
+    value: Float[Tensor, "C b"]
+    side: Float[Tensor, "C b"]
+    basic: Int[Tensor, "C b"]
+    other: Int[Tensor, "C o"]
+    cost: Float[Tensor, "C o"]
+    there: Bool[Tensor, "C b"]  # rows of controls, and of planes once an optimum did not meet them
+    pivots: Int[Tensor, "1"]  # how many so far
+
+
+def _along(values: Tensor, index: Int[Tensor, "C k"]) -> Tensor:
+    """Of each program's rows, the entries in some columns."""
+    return values.gather(2, index[:, None].expand(-1, values.shape[1], -1))
+
+
+def _repeat(pivot: Callable[..., Tableau], now: Tableau) -> Tableau:
+    """Pivots as long as any program goes on; where it is traced, as one loop of the graph."""
+    if torch.compiler.is_exporting():
+        loop = torch.while_loop(_any_goes_on, lambda *parts: tuple(pivot(*parts)), tuple(now))  # type: ignore[no-untyped-call]
+        return Tableau(*loop)
+    each, pivots = now[:-1], now.pivots
+    going = _goes_on(now).nonzero()[:, 0]
+    while len(going) and pivots < programs.MOST_PIVOTS:
+        some = Tableau(*[*(values[going] for values in each), pivots])
+        for _ in range(PIVOTS_AT_ONCE):
+            some = pivot(*some)
+        for values, changed in zip(each, some, strict=False):
+            values[going] = changed
+        going, pivots = going[_goes_on(some)], some.pivots
+    return Tableau(*each, pivots)
+
+
+def _goes_on(now: Tableau) -> Bool[Tensor, "C"]:
+    """Whether each program has a basic variable on the wrong side of its kink."""
+    return (-now.value * now.side).amax(dim=1) > programs.SMALL
+
+
+def _any_goes_on(*parts: Tensor) -> Tensor:
+    now = Tableau(*parts)
+    return _goes_on(now).any() & (now.pivots[0] < programs.MOST_PIVOTS)
+
+
+def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
+    """One step: the worst variable goes over to its other side, or another takes its place.
+
+    Programs that are done stay as they are.
+    """
+    body, value, side, basic, other, cost, there, count = now
+    off = -value * side
+    wrong = off > programs.SMALL
+    there = there | (wrong & ~(wrong & there).any(dim=1, keepdim=True))
+    worst, leaving = off.masked_fill(~there, -torch.inf).max(dim=1, keepdim=True)  # (C, 1)
+    goes_on = worst > programs.SMALL
+    row = body.gather(1, leaving[..., None].expand(-1, -1, body.shape[2]))[:, 0]  # (C, o)
+    gone, its_side = basic.gather(1, leaving), side.gather(1, leaving)
+    slope, size = its_side * row, row.abs()
+    bound = torch.where(slope > 0, low[other], high[other])
+    ratio = ((cost - bound) / slope).clamp(min=0)
+    ratio = ratio.masked_fill(size < programs.NO_PIVOT, torch.inf)
+    tied = ratio <= ratio.amin(dim=1, keepdim=True) + programs.TIE
+    steepest = (size * tied).amax(dim=1, keepdim=True)
+    tied = tied & (size >= programs.STEEP * steepest)
+    come, entering = other.masked_fill(~tied, len(low)).min(dim=1, keepdim=True)
+    here, span = ratio.gather(1, entering), high[gone] - low[gone]
+    over, step = span <= here, torch.minimum(span, here)
+    exchanged = goes_on & ~over
+    cost = torch.where(goes_on, cost - step * slope, cost)
+    pivot = row.gather(1, entering).masked_fill(~exchanged, 1.0)
+    out = torch.where(over, -its_side, -torch.sign(its_side * pivot))
+    kept = torch.where(its_side > 0, high[gone] - step, low[gone] + step)
+    # An exchange is a change of the tableau by one product, once 1 is taken and added at the pivot.
+    share = _along(body, entering)[..., 0].scatter_add(1, leaving, -torch.ones_like(pivot)) / pivot
+    share = share * exchanged
+    line = row.scatter_add(1, entering, torch.ones_like(pivot))
+    return Tableau(
+        body - share[..., None] * line[:, None],
+        value - share * value.gather(1, leaving),
+        side.scatter(1, leaving, torch.where(goes_on, out, its_side)),
+        basic.scatter(1, leaving, torch.where(exchanged, come, gone)),
+        other.scatter(1, entering, torch.where(exchanged, gone, other.gather(1, entering))),
+        cost.scatter(1, entering, torch.where(exchanged, kept, cost.gather(1, entering))),
+        there,
+        count + 1,
+    )
+
+
+# The problem on a device.
+
+
+def problem_data(
+    problem: Problem,
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
+    device: torch.device,
+) -> model.ProblemData:
+    """As ``model.problem_data``, all of which is on a device."""
+    grid, n = geometry.grid_of(problem, device), initial.shape[1]
+    begin, end = (
+        tensor(geometry.in_units(ends, radius, problem), device) for ends in (initial, goal)
+    )
+    own = decoupled_optima(begin, end, grid, problem)
+    met = encounters(grid.fly(begin, own.controls), n)
+    return model.ProblemData(grid, n, begin, own, met, met.first // n)
