@@ -11,7 +11,7 @@ from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, portion_of
+from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops
 from pipeline.flight.montecarlo import TrialSettings, fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import World
@@ -43,7 +43,7 @@ def fly_trials(
     sigmas = SIGMAS if settings.sigmas is None else settings.sigmas
     check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)
     refuse_distance(scenario, plan.controls)
-    of = TrialSettings(scenario, world, errors, settings.seed, portion_of(scenario.n))
+    of = TrialSettings(scenario, world, errors, settings.seed)
     with_feedback = settings.replan == "feedback"
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)

@@ -14,7 +14,7 @@ from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_o
 from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
-from pipeline.flight.world import World
+from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.approaches import MOST_PAIRS, side_by_side
 from pipeline.orbit.arrays import Controls, States
 from pipeline.plan import SOLVED, Plan, Requirements
@@ -24,6 +24,7 @@ from pipeline.scenario import Scenario
 # Names of the loops
 OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
 PORTION = 50  # most trials that are flown side by side
+ON_GPU = 10  # times as many on a GPU, which fewer do not keep busy
 MOST_TRIALS = 10_000_000  # of one Monte Carlo
 SIGMAS = 3.0  # standard deviations of a separation that the margin is by default
 MOST_SIGMAS = 10.0  # that can be asked for
@@ -102,9 +103,11 @@ def flight_loops(
     yield Loop(MARGIN, wider, planner=planner, back_off=back_off)
 
 
-def portion_of(n: int) -> int:
+def portion_of(n: int, world: World, loop: Loop) -> int:
     """Trials of n craft that are flown side by side: so few that their pairs fit in memory."""
-    return max(1, min(PORTION, 2 * MOST_PAIRS // n**2))
+    on_gpu = isinstance(world, LinearWorld) and (world.device or "").startswith("cuda")
+    times = ON_GPU if on_gpu and loop.planner is None else 1  # plans are made by the CPU
+    return max(1, min(times * PORTION, times * 2 * MOST_PAIRS // n**2))
 
 
 def fly_loops(
@@ -121,10 +124,10 @@ def fly_loops(
     """
     check_range("trials", trials, 1, MOST_TRIALS)
     check_seed(seed)
-    portion = portion_of(scenario.n)
-    parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
     found: dict[str, Trials] = {}
     for loop in loops:
+        portion = portion_of(scenario.n, world, loop)
+        parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
         flown = [loop.fly(scenario, world, errors, part, seed) for part in parts]
         found[loop.name] = {name: np.concatenate([p[name] for p in flown]) for name in flown[0]}
     return found

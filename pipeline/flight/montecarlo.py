@@ -21,7 +21,7 @@ import pyarrow as pa
 from pipeline.errors import InputError, check_range
 from pipeline.flight.encounters import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.errors import Errors, check_seed
-from pipeline.flight.loops import MOST_TRIALS, PORTION, Loop
+from pipeline.flight.loops import MOST_TRIALS, Loop, portion_of
 from pipeline.flight.trials import Trials
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers, check_worker
@@ -84,10 +84,14 @@ class TrialSettings:
     world: World
     errors: Errors
     seed: int = 0
-    portion: int = PORTION
+    portion: int | None = None  # by default as many as are flown side by side
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
+
+    def portion_of(self, loop: Loop) -> int:
+        """Trials of a loop in a shard, but for its last."""
+        return self.portion or portion_of(self.scenario.n, self.world, loop)
 
     @cached_property
     def made_with(self) -> Mapping[str, str]:
@@ -125,7 +129,7 @@ class Portion:
                 **_unlike(of.scenario),
                 "plan": plan.hexdigest(),
                 "seed": of.seed,
-                "portion": of.portion,
+                "portion": of.portion_of(loop),
                 "world": {"name": type(world).__name__, **asdict(world)},
                 "errors": asdict(of.errors),
                 "loop": loop.name,
@@ -139,7 +143,8 @@ class Portion:
     @property
     def most(self) -> Size:
         """What its files may hold."""
-        return Size(self.of.portion, self.of.portion * self.of.scenario.problem.intervals)
+        portion = self.of.portion_of(self.loop)
+        return Size(portion, portion * self.of.scenario.problem.intervals)
 
 
 def fly_all(
@@ -178,8 +183,9 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
 
 
 def _portions(of: TrialSettings, loop: Loop, trials: int) -> Iterator[Portion]:
-    for number, first in enumerate(range(0, trials, of.portion)):
-        yield Portion(of, loop, number, range(first, min(first + of.portion, trials)))
+    portion = of.portion_of(loop)
+    for number, first in enumerate(range(0, trials, portion)):
+        yield Portion(of, loop, number, range(first, min(first + portion, trials)))
 
 
 def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:

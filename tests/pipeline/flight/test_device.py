@@ -8,12 +8,13 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.errors import COLD_GAS
-from pipeline.flight.loops import Loop, fly_loops
+from pipeline.flight.loops import Loop, fly_loops, portion_of
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 
@@ -71,3 +72,13 @@ def test_arcs_are_in_float64_on_the_device_and_a_device_that_is_not_there_is_ref
     assert (str(arc.dtype), arc.device.type) == ("torch.float64", "cpu")
     with pytest.raises(InputError, match="expected auto"):
         LinearWorld(problem.dynamics, "cuda:99").arc(np.ones((2, 6)), np.zeros((2, 3)), 0)
+
+
+def test_on_a_gpu_more_trials_are_flown_side_by_side_where_none_is_planned_anew():
+    dynamics, flown = Problem().dynamics, Loop("open loop", np.zeros((10, 24, 3)))
+    anew = replace(flown, planner=Expert())
+    here, there = LinearWorld(dynamics), LinearWorld(dynamics, "cuda")
+    for n, usual, more in [(10, 50, 500), (300, 6, 66), (1000, 1, 6), (2000, 1, 1)]:
+        assert portion_of(n, here, flown) == portion_of(n, there, anew) == usual
+        assert portion_of(n, replace(here, device="cpu"), flown) == usual
+        assert portion_of(n, there, flown) == more
