@@ -60,6 +60,10 @@ PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input."
 Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
 TrainingSize = Annotated[int, option("Swarm size to train on.")]
 Device = Annotated[str, option("auto, cpu, cuda or mps.")]
+RefinerDevice = Annotated[
+    Literal["cpu", "cuda"] | None,
+    option("Where refiners plan, by torch in float64; on the CPU by compiled code if not given."),
+]
 Resume = Annotated[
     bool,
     flag(
@@ -87,6 +91,7 @@ class Evaluation(ExperimentSettings):
 
     sizes: str | None = setting("Swarm sizes, such as 2..30; by default all of the dataset.", "--n")
     timed: int = setting("Trials of each size that are timed.", default=10)
+    device: RefinerDevice = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,7 @@ class TransferTimes(ExperimentSettings):
         "Time steps Δt, s; by default those with the durations of --nodes.", "--time-step"
     )
     trials: int | None = setting("Most trials of each transfer time.", default=100)
+    device: RefinerDevice = None
 
 
 @dataclass(frozen=True)

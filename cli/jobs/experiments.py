@@ -29,6 +29,7 @@ from pipeline.experiments.trials import (
 )
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts
+from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
@@ -97,11 +98,17 @@ class HeldOut:
             return Done(record(experiment, table, params=params, files=scratch, dataset=used))
 
 
-def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: str = "") -> HeldOut:
+def held_out(
+    settings: ExperimentSettings,
+    sizes: Sequence[int] | None,
+    arch: str = "",
+    device: str | None = None,
+) -> HeldOut:
     """The test scenarios and networks of an experiment.
 
     Sizes are by default those of the dataset, networks the newest trained on it, of one
-    architecture alone if given. InputError for models or sizes that cannot take part.
+    architecture alone if given, and refiners plan on a device if given. InputError for models or
+    sizes that cannot take part.
     """
     data, trials = settings.data, settings.trials
     if trials is not None and trials < 1:
@@ -115,8 +122,14 @@ def held_out(settings: ExperimentSettings, sizes: Sequence[int] | None, arch: st
                 "into another folder."
             )
         scenarios[n] = found[:trials]
-    chosen = networks(name_list(settings.models), data, arch)
+    chosen = networks(name_list(settings.models), data, arch, device)
     return HeldOut(settings, manifest.digest(), scenarios, chosen)
+
+
+def check_device(name: str | None, workers: Workers | None) -> None:
+    """Refuse a torch device that workers of this machine would not have with an InputError."""
+    if name is not None and (workers is None or workers.scheduler is None):
+        torch_device(name)
 
 
 def listed(values: Iterable[object]) -> str:
@@ -134,7 +147,9 @@ def evaluate(
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
     if settings.timed < 0:
         raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
-    ground = held_out(settings, None if settings.sizes is None else int_list(settings.sizes))
+    check_device(settings.device, workers)
+    sizes = None if settings.sizes is None else int_list(settings.sizes)
+    ground = held_out(settings, sizes, device=settings.device)
     scenarios = ground.scenarios
     planners = [*classical_planners(), *(network.evaluated for network in ground.networks)]
 
@@ -185,7 +200,8 @@ def transfer_times(
     """Experiment 4: the same ends with other transfer times."""
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
-    ground = held_out(settings, [settings.n])
+    check_device(settings.device, workers)
+    ground = held_out(settings, [settings.n], device=settings.device)
     scenarios = ground.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
 

@@ -7,6 +7,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.networks.model import Model
+from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert
@@ -55,19 +56,29 @@ def newest_on(data: Where) -> list[ModelVersion]:
     return found
 
 
-def networks(references: Sequence[str], data: Where, arch: str = "") -> list[EvaluatedNetwork]:
+def networks(
+    references: Sequence[str], data: Where, arch: str = "", device: str | None = None
+) -> list[EvaluatedNetwork]:
     """Networks by reference; without any, the newest trained on some data.
 
-    The latter are of one architecture if given. InputError for a reference that is no model, or a
-    model of another orbit or time grid than the data's.
+    The latter are of one architecture if given. Refiners plan on a torch device if given.
+    InputError for a reference that is no model, a model of another orbit or time grid than the
+    data's, or a device and no refiner.
     """
     named = {v.uri: v for v in map(resolve, references)}.values()
     chosen = named or [v for v in newest_on(data) if arch in ("", v.arch)]
     chosen = sorted(chosen, key=lambda v: (v.arch, v.recipe, v.training_seed, v.version))
+    if device is not None and REFINER not in {version.arch for version in chosen}:
+        raise InputError(
+            f"device is {device} and no refiner is among the models, which alone plans there; "
+            "expected one, or no device."
+        )
     found, problem, names = [], read_manifest(data).problem, table_names(chosen)
     for version in chosen:
         model, _ = load(version)
         check_problem(model, problem, public_url(data))
+        if version.arch == REFINER:
+            model = replace(model, device=device)
         found.append(EvaluatedNetwork(model, version, names[version.uri]))
     return found
 

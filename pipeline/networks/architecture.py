@@ -30,6 +30,7 @@ class Swarms:
     collision_radius: Float64[Tensor, "b"]  # of each swarm, m; it need not be the problem's
     # the expert's at the nodes; not numbers where it has not planned
     states: Float64[Tensor, "b n T 6"] | None = None
+    device: str | None = None  # on which a refiner plans them, as of ``TrainedRefiner``
 
 
 def swarms(

@@ -19,6 +19,9 @@ DOCUMENT_FILE = "model.json"
 COLUMNS_AT_ONCE = 50_000
 """Columns n·T of a batch at most; a few hundred MB in the widest network."""
 
+COLUMNS_ON_DEVICE = 1_000_000
+"""As many of the refiner's on a GPU, which fewer do not keep busy; 4 GiB in dense swarms of ten."""
+
 Answer = Literal["states", "controls"]
 
 Ends = Float[Array, "N n 6"]
@@ -56,7 +59,7 @@ class TrainedNetwork(Protocol):
         """
 
 
-def portions(initial: Array, goal: Array, nodes: int) -> Iterator[slice]:
+def portions(initial: Array, goal: Array, nodes: int, device: str | None = None) -> Iterator[slice]:
     """Batches that fit in memory, one even of no swarms; InputError for wrong shapes."""
     n, components = initial.shape[-2:]
     if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
@@ -64,7 +67,7 @@ def portions(initial: Array, goal: Array, nodes: int) -> Iterator[slice]:
             f"initial has shape {initial.shape} and goal {goal.shape}; expected (N, n, 6) for "
             "both, with at least one spacecraft."
         )
-    step = max(1, COLUMNS_AT_ONCE // (n * nodes))
+    step = max(1, (COLUMNS_AT_ONCE if device is None else COLUMNS_ON_DEVICE) // (n * nodes))
     for start in range(0, max(1, len(initial)), step):
         yield slice(start, start + step)
 

@@ -44,6 +44,7 @@ class Model:
     recipe: str  # name of the recipe that it was trained by
     encoding: Encoding  # how states become its input and its answer becomes states
     network: nn.Module  # the module, for answers only
+    device: str | None = None  # of a refiner's answers, as of ``TrainedRefiner``
 
     def __post_init__(self) -> None:
         """Switch off what only training needs: dropout and gradients."""
@@ -103,9 +104,9 @@ class Model:
     ) -> Float[Array, "N n _ _"]:
         """As in ``TrainedNetwork``."""
         problem = replace(self.problem, collision_radius=collision_radius)
-        every = portions(initial, goal, problem.nodes)
+        every = portions(initial, goal, problem.nodes, self.device)
         asked = (swarms(problem, initial[part], goal[part]) for part in every)
-        return np.concatenate([self._answer(some) for some in asked])
+        return np.concatenate([self._answer(replace(some, device=self.device)) for some in asked])
 
     @torch.inference_mode()
     def _answer(self, asked: Swarms) -> Float[Array, "b n _ _"]:

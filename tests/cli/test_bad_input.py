@@ -51,6 +51,10 @@ CASES = {
         ["evaluate", "--data", "none", "--n", "2", "--timed", "-1"],
         "timed is -1",
     ),
+    "a device that is not there": (
+        ["evaluate", "--data", "none", "--device", "cuda:9"],
+        "'cuda:9'",
+    ),
     "no architecture": (["train", "--arch", ",", "--data", "none"], "such as lstm2"),
     "less than no memory": (
         ["train", "--arch", "ff1", "--memory", "-1", "--data", "none"],

@@ -1,16 +1,27 @@
-"""Experiments 1 and 2, interrupted and resumed."""
+"""Experiments, interrupted and resumed, and with a device."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
+import torch
 
 import cli.jobs.experiments as job
-from cli.settings import Evaluation
+from cli.settings import Evaluation, TransferTimes
+from pipeline.errors import InputError
+from pipeline.networks.architecture import find
+from pipeline.networks.encoding import Encoding
+from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
+from pipeline.networks.refiner import tensors
+from pipeline.networks.refiner.model import packaged
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
 from registry.models import list_versions
+from registry.results import experiment_run, table_of
 from registry.training import DatasetInfo, record_training
 
 CRAFT, ALONE = 3, Workers(jobs=1)
@@ -43,3 +54,51 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     assert not job.evaluate(asked, workers=ALONE, resume=True).earlier
     assert all("exp1_flown_collisions" in version.metrics for version in list_versions())
     assert job.evaluate(asked, workers=ALONE, resume=True).earlier
+
+
+@pytest.mark.parametrize("asked", [Evaluation(timed=1), TransferTimes(n=CRAFT, nodes="6,11")])
+def test_with_a_device_the_refiner_plans_there_and_has_the_rows_of_compiled_code(
+    folder: Path,
+    trained: Trained,
+    recipe: Recipe,
+    on_solved: DatasetInfo,
+    solved: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    asked: Evaluation | TransferTimes,
+) -> None:
+    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    run = job.evaluate if isinstance(asked, Evaluation) else job.transfer_times
+    here, there = (replace(asked, data=str(solved), device=name) for name in (None, "cpu"))
+    with pytest.raises(InputError, match="device is cpu and no refiner is among the models"):
+        run(there, workers=ALONE)  # type: ignore[arg-type]
+
+    given = packaged_weights(trained.model.encoding)
+    record_training(replace(trained, model=given), recipe=recipe, seed=0, dataset=on_solved)
+    planned, numbers = [], []
+    monkeypatch.setattr(tensors, "planned_on", spied(tensors.planned_on, planned))
+    for one in (here, there):
+        run_id = run(one, workers=ALONE).run_id  # type: ignore[arg-type]
+        table = table_of(experiment_run(run_id)).drop(columns="seconds", errors="ignore")
+        numbers.append(table.select_dtypes("number"))
+        assert bool(planned) == (one is there)
+    pd.testing.assert_frame_equal(*numbers, rtol=1e-4, atol=1e-4)
+
+
+def packaged_weights(encoding: Encoding) -> Model:
+    """A refiner with the weights of that in the package."""
+    architecture = find("refiner")
+    network = architecture.network(architecture.config, encoding, 0.0)
+    weights = packaged().weights
+    assert weights is not None
+    network.load_state_dict({name: torch.from_numpy(one) for name, one in weights.items()})
+    return Model("refiner", architecture.config, "tuned", encoding, network)
+
+
+def spied(function: Callable[..., Any], calls: list[Any]) -> Callable[..., Any]:
+    """The same function, which leaves its first argument behind."""
+
+    def called(*given: Any) -> Any:
+        calls.append(given[0])
+        return function(*given)
+
+    return called

@@ -324,16 +324,29 @@ def answer(
     initial: Float[Any, "b n 6"],
     goal: Float[Any, "b n 6"],
     radius: Float[Any, "b"],
+    device: str | None = None,
 ) -> Float[Array, "b n intervals 3"]:
-    """Controls of each swarm after some rounds, m/s²; states are in m and m/s, radii in m."""
-    controls, _ = cheapest_safe(weights, problem_data(problem, initial, goal, radius), rounds)
+    """Controls of each swarm after some rounds, m/s²; states are in m and m/s, radii in m.
+
+    With a ``device`` of torch all is in float64, weights too, and several swarms are planned there;
+    InputError where it is not available.
+    """
+    given = problem, initial, goal, radius
+    if device is not None and weights is not None:
+        weights = {name: values.astype(np.float64) for name, values in weights.items()}
+    if device is None or len(initial) <= 1:
+        controls, _ = cheapest_safe(weights, problem_data(*given), rounds)
+    else:
+        from pipeline.networks.refiner.tensors import planned_on
+
+        controls = planned_on(device, weights, rounds, *given)
     unit = plain(radius) / problem.time_step**2
     return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 
 def cheapest_safe(
     weights: Weights | None, data: ProblemData, rounds: int
-) -> tuple[Float[Array, "N m"], Bool[Array, "b"]]:
+) -> tuple[Float[Any, "N m"], Bool[Any, "b"]]:
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
@@ -355,7 +368,7 @@ def cheapest_safe(
     return best, xp.isfinite(least)
 
 
-def safe_fuel(data: ProblemData, now: Iterate) -> Float[Array, "b"]:
+def safe_fuel(data: ProblemData, now: Iterate) -> Float[Any, "b"]:
     """Fuel of each swarm, infinite where it is not safe."""
     fuel, xp = data.fuel(now.controls), namespace(now.controls)
     unsafe = xp.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel))
@@ -384,6 +397,7 @@ class TrainedRefiner:
     rounds: int  # that an answer takes
     problem: Problem  # of its training data, or that it is asked about
     digest: str  # SHA-256 of all that decides its answers
+    device: str | None = None  # of torch for several swarms, "cpu" or "cuda"; compiled code if None
 
     architecture: ClassVar[str] = REFINER
     answers: ClassVar[Answer] = "controls"
@@ -397,8 +411,8 @@ class TrainedRefiner:
         radius = np.full(len(initial), collision_radius)
         how = self.weights, self.rounds, self.problem
         found = [
-            answer(*how, initial[k], goal[k], radius[k])
-            for k in portions(initial, goal, self.problem.nodes)
+            answer(*how, initial[k], goal[k], radius[k], self.device)
+            for k in portions(initial, goal, self.problem.nodes, self.device)
         ]
         return np.concatenate(found)
 

@@ -158,8 +158,9 @@ class Refiner:
         self, network: MessagePassing, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
+        how = network.arrays, network.rounds, swarms.problem
         ends = swarms.initial, swarms.goal, swarms.collision_radius
-        return torch.from_numpy(model.answer(network.arrays, network.rounds, swarms.problem, *ends))
+        return torch.from_numpy(model.answer(*how, *ends, swarms.device))
 
 
 def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:

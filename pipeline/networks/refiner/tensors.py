@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from pipeline.arrays import Bool, Float, Int, tensor
+from pipeline.arrays import Array, Bool, Float, Int, like, plain, tensor
 from pipeline.errors import InputError
+from pipeline.networks.device import torch_device
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.arrays import where
 from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
@@ -380,7 +381,32 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
     )
 
 
-# The problem on a device.
+# Plans on a device.
+
+
+def planned_on(
+    device: str,
+    weights: model.Weights | None,
+    rounds: int,
+    problem: Problem,
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
+) -> Float[Array, "N m"]:
+    """Controls of all craft as by ``model.cheapest_safe``, r_col/Δt², planned on a device.
+
+    InputError where it is not available, or has too little memory.
+    """
+    try:
+        data = problem_data(problem, initial, goal, radius, torch_device(device))
+        if weights is not None:
+            weights = {name: like(values, data.initial) for name, values in weights.items()}
+        return plain(model.cheapest_safe(weights, data, rounds)[0])
+    except torch.OutOfMemoryError as error:
+        raise InputError(
+            f"device {device} has too little memory left for {len(initial)} swarms of "
+            f"{initial.shape[1]} craft; expected more: end what else runs there, or leave it out."
+        ) from error
 
 
 def problem_data(
@@ -393,7 +419,8 @@ def problem_data(
     """As ``model.problem_data``, all of which is on a device."""
     grid, n = geometry.grid_of(problem, device), initial.shape[1]
     begin, end = (
-        tensor(geometry.in_units(ends, radius, problem), device) for ends in (initial, goal)
+        tensor(geometry.in_units(plain(ends), plain(radius), problem), device)
+        for ends in (initial, goal)
     )
     own = decoupled_optima(begin, end, grid, problem)
     met = encounters(grid.fly(begin, own.controls), n)

@@ -6,6 +6,7 @@ import torch
 
 from pipeline.arrays import plain
 from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.tensors import PaddedSides
 
 CRAFT, ENCOUNTERS, H, M = 7, 12, 3, 5
 
@@ -47,6 +48,10 @@ def test_an_edge_aggregates_the_messages_of_all_edges_of_its_craft(drawn):
     assert found.std() > 0.5
     same = Sides.of(plain(pair)).aggregate(plain(told), plain(free))
     assert np.array_equal(same, found.numpy())
+    at_once = PaddedSides.of(pair)
+    torch.testing.assert_close(at_once.aggregate(told, free), written_out(pair, free, told))
+    totals = at_once.totals(told[..., 0])
+    assert plain(totals) == pytest.approx(Sides.of(plain(pair)).totals(plain(told[..., 0])))
 
 
 def test_gradients_are_those_of_the_definition(drawn):
