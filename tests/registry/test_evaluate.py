@@ -56,7 +56,9 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     assert job.evaluate(asked, workers=ALONE, resume=True).earlier
 
 
-@pytest.mark.parametrize("asked", [Evaluation(timed=1), TransferTimes(n=CRAFT, nodes="6,11")])
+@pytest.mark.parametrize(
+    "asked", [Evaluation(trials=3, timed=1), TransferTimes(n=CRAFT, nodes="6", trials=3)]
+)
 def test_with_a_device_the_refiner_plans_there_and_has_the_rows_of_compiled_code(
     folder: Path,
     trained: Trained,
