@@ -71,7 +71,7 @@ def networks(
     if device is not None and REFINER not in {version.arch for version in chosen}:
         raise InputError(
             f"device is {device} and no refiner is among the models, which alone plans there; "
-            "expected one, or no device."
+            "expected one: train it or name it with --models, or leave --device out."
         )
     found, problem, names = [], read_manifest(data).problem, table_names(chosen)
     for version in chosen:

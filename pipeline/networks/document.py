@@ -60,7 +60,10 @@ class TrainedNetwork(Protocol):
 
 
 def portions(initial: Array, goal: Array, nodes: int, device: str | None = None) -> Iterator[slice]:
-    """Batches that fit in memory, one even of no swarms; InputError for wrong shapes."""
+    """Batches that fit in memory, larger ones on a device, one even of no swarms.
+
+    InputError for wrong shapes.
+    """
     n, components = initial.shape[-2:]
     if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
         raise InputError(

@@ -120,7 +120,7 @@ class Encounters:
 
     @property
     def sides(self) -> Sides:
-        """The sides of planes, one between the two craft of each encounter."""
+        """Both sides of the separating plane of each encounter, by craft."""
         return Sides.of(self.craft)
 
     def relative(self, states: Float[Any, "N T 6"]) -> Float[Any, "E 2 6"]:
@@ -137,7 +137,7 @@ class Encounters:
         before: EncounterGeometry | None = None,
         moved: Bool[Any, "N"] | None = None,
     ) -> EncounterGeometry:
-        """The closest approach of each; beyond a distance it may be left infinite.
+        """The closest approach of each encounter; beyond a distance it may be left infinite.
 
         Pairs of which neither craft has moved keep what was found before; by default all have.
         """

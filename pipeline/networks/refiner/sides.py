@@ -21,7 +21,7 @@ class Sides:
 
     @classmethod
     def of(cls, craft: Int[Any, "L 2"]) -> "Sides":
-        """The sides of planes between two craft each."""
+        """Both sides of separating planes between two craft each, by craft."""
         xp, flat = namespace(craft), craft.reshape(-1)
         there, place, count = xp.unique(flat, return_inverse=True, return_counts=True)
         start = xp.concatenate([count[:1] * 0, count.cumsum(0)])

@@ -1,4 +1,4 @@
-"""The refiner's compiled parts once more by torch alone: for a GPU, and for graphs of one craft.
+"""The refiner's rounds in batched torch operations, for a GPU and for the graphs of one craft.
 
 What ``Encounters``, ``Sides`` and ``Decoupled`` compute by loops over craft and pairs, their kinds
 here compute for all at once, on the device where their arrays are: the closest approach of cubics,
@@ -36,7 +36,7 @@ class Encounters(geometry.Encounters):
 
     @property
     def sides(self) -> Sides:
-        """As ``geometry.Encounters.sides``."""
+        """Both sides of the separating plane of each encounter, by craft."""
         return PaddedSides.of(self.craft)
 
     def approaches(
@@ -46,18 +46,18 @@ class Encounters(geometry.Encounters):
         before: geometry.EncounterGeometry | None = None,
         moved: Bool[Tensor, "N"] | None = None,
     ) -> geometry.EncounterGeometry:
-        """As ``geometry.Encounters.approaches``."""
+        """The closest approach of each encounter, of all at once; as ``geometry.Encounters``."""
         ends = self.relative(states)
-        near = torch.ones_like(self.first, dtype=torch.bool)
-        if within is not None:
-            near = ~stays_beyond(ends, within)
+        looked = torch.ones_like(self.first, dtype=torch.bool)
+        if moved is not None:
+            looked = moved[self.first] | moved[self.second]
+        near = looked if within is None else looked & ~stays_beyond(ends, within)
         share, distance = torch.zeros_like(ends[:, 0, 0]), torch.full_like(ends[:, 0, 0], torch.inf)
         turning, which = torch.zeros_like(near), near.nonzero()[:, 0]
         share[which] = nearest(ends[which])
         distance[which] = torch.linalg.vector_norm(positions(ends[which], share[which]), dim=1)
         turning[which] = turns(ends[which], share[which])
-        if before is not None and moved is not None:
-            looked = moved[self.first] | moved[self.second]
+        if before is not None:
             share = torch.where(looked, share, before.share)
             distance = torch.where(looked, distance, before.distance)
             turning = torch.where(looked, turning, before.turns)
@@ -86,7 +86,7 @@ def encounters(states: Float[Tensor, "N T 6"], n: int) -> Encounters:
 
 
 def stays_beyond(ends: Float[Tensor, "L 2 6"], within: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
-    """Whether each pair certainly stays beyond a distance, as ``geometry.stays_beyond``."""
+    """Whether a lower bound of each pair's distance is beyond ``within``, as in ``geometry``."""
     (here, go), (there, arrive) = ends.reshape(-1, 2, 2, 3).permute(1, 2, 0, 3)
     middle = here + there
     corners = (here, here + geometry.THIRD * go, there - geometry.THIRD * arrive, there)
@@ -144,7 +144,7 @@ class PaddedSides(Sides):
         return self.order[slot.clamp(max=len(self.order) - 1)], real
 
     def by_craft(self, values: Float[Tensor, "S *k"]) -> Float[Tensor, "C P *k"]:
-        """Values of all sides by craft, 0 where there is none."""
+        """Values of sides as a table with a row for each craft, filled up with 0."""
         side, real = self.table
         return values[side] * real.reshape(*real.shape, *[1] * (values.dim() - 1))
 
@@ -274,7 +274,7 @@ def decoupled_optima(
 def _met(
     facets: Facets, part: Float[Tensor, "C d"]
 ) -> tuple[Int[Tensor, "C"], Float[Tensor, "C d d"]]:
-    """Index and weights of the facet that each ray meets, chosen as in ``orbit.decoupled``."""
+    """Index and weights of the facet of the hull that each craft's change of state meets."""
     table, dual = (tensor(one, part.device) for one in (facets.weights, facets.dual))
     value = part @ dual.T  # (C, F)
     first = value.argmax(dim=1)
@@ -283,7 +283,7 @@ def _met(
     wrong = weight.amin(dim=1) < -ROUNDING * weight.abs().sum(dim=1)
 
     def inner() -> Tensor:
-        """Of several in one plane the one whose weights are not negative."""
+        """Index of the facet with no negative weight, among those that meet the ray equally."""
         least = torch.einsum("fij,cj->cfi", table, part).amin(dim=2)
         near = value >= best - ROUNDING * best.abs()
         return torch.where(near, least, -torch.inf).argmax(dim=1)
@@ -293,7 +293,7 @@ def _met(
 
 
 class Tableau(NamedTuple):
-    """Programs with b basic and o other variables, as in ``refiner.programs``."""
+    """Simplex tableaus of C programs with b basic and o nonbasic variables."""
 
     body: Float[Tensor, "C b o"]
     value: Float[Tensor, "C b"]

@@ -103,7 +103,7 @@ def own_of(problem, initial, goal):
 
 
 def as_tensors(own):
-    """The same optima as tensors."""
+    """The decoupled optima as tensors."""
     return tensors.Decoupled(*map(torch.from_numpy, vars(own).values()))
 
 
