@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import chain, groupby
 
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from pipeline.experiments.records import PREDICTED
 from pipeline.figures import intervals, labels
@@ -164,8 +164,8 @@ def compare(
     )
     differences = (one - other).dropna()
     safe, cost = (differences[column].to_numpy(dtype=float) for column in ("safe", fuel))
-    uneven = safe[safe != 0]
-    chance = stats.binomtest(int((uneven > 0).sum()), len(uneven)).pvalue if len(uneven) else 1.0
+    fewer = min((safe > 0).sum(), (safe < 0).sum())
+    chance = min(1.0, 2 * special.bdtr(fewer, (safe != 0).sum(), 0.5))  # the sign test
     shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))
     return PairedComparison(
         trials=len(differences),

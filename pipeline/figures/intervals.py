@@ -5,13 +5,13 @@ misses it, and is open (None) where the threshold lies within.
 """
 
 import numpy as np
-from scipy import stats
+from scipy import special  # scipy.stats takes half a second to import
 
 from pipeline.arrays import Array, Float
 
 CONFIDENCE = 0.95  # of every interval
 
-NORMAL = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
+NORMAL = float(special.ndtri(0.5 + CONFIDENCE / 2))
 """Standard deviations that a normal variable keeps within with that probability."""
 
 Interval = tuple[float, float]
@@ -59,18 +59,24 @@ def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
     variance = float(shares.var(ddof=1)) / k if k > 1 else 0.0
     worth = 0.0
     if variance > 0:
-        few = NORMAL / float(stats.t.ppf(0.5 + CONFIDENCE / 2, k - 1))
+        few = NORMAL / _student(k)
         worth = p * (1 - p) / variance * few**2
     return wilson(p, float(min(max(worth, k), k * each)))
 
 
 def mean_interval(values: Float[Array, "k"]) -> Interval:
     """Student's interval of a mean; no more than the mean where values do not vary."""
-    if len(values) < 2 or np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
-        mean = float(values.mean()) if len(values) else float("nan")
+    k = len(values)
+    mean = float(values.mean()) if k else float("nan")
+    if k < 2 or np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
         return mean, mean
-    found = stats.ttest_1samp(values, 0.0).confidence_interval(CONFIDENCE)
-    return float(found.low), float(found.high)
+    half = _student(k) * float(values.std(ddof=1)) / float(np.sqrt(k))
+    return mean - half, mean + half
+
+
+def _student(k: int) -> float:
+    """Standard errors from the mean of so many values to an end of Student's interval."""
+    return float(special.stdtrit(k - 1, 0.5 + CONFIDENCE / 2))
 
 
 def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:

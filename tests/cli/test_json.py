@@ -22,7 +22,10 @@ FF1 = ["train", "--arch", "ff1", *CRAFT, "--epochs", "2"]
 EVALUATE = ["evaluate", *CRAFT, "--trials", "2", "--timed", "1", "--jobs", "1"]
 
 COMMANDS = {
-    "sample": ["sample", "--n", "3", "--count", "24", "--shares", "0.5,0.25,0.25", "--out", "data"],
+    "sample": [
+        *("sample", "--n", "3", "--count", "24", "--shares", "0.5,0.25,0.25", "--out", "data"),
+        *("--nodes", "6", "--time-step", "240"),
+    ],
     "solve": ["solve", "data", "--jobs", "1"],
     "train": [*FF1, "--seed", "0,1", "--json"],
     "train again": [*FF1, "--resume", "--json"],
@@ -30,15 +33,7 @@ COMMANDS = {
     "evaluate again": [*EVALUATE, "--resume", "--json"],
     "warmstart": ["warmstart", *CRAFT, "--trials", "1", "--json"],
     "transfer-times": [
-        "transfer-times",
-        *CRAFT,
-        "--nodes",
-        "6,11",
-        "--trials",
-        "1",
-        "--jobs",
-        "1",
-        "--json",
+        *("transfer-times", *CRAFT, "--nodes", "6,11", "--trials", "1", "--jobs", "1", "--json"),
     ],
     "flights": ["flights", *CRAFT, *["--trials", "1", "--flights", "1", "--jobs", "1", "--json"]],
     "report": ["report", "--out", "reports", "--json"],

@@ -54,7 +54,7 @@ def data(tmp_path, migrated, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copyfile(migrated, "mlflow.db")
     samples = {n: Sample(count=10, shares=(0.6, 0.2, 0.2), shard_rows=5) for n in (2, 3)}
-    sample("data", samples, Problem(), workers=Workers(1))
+    sample("data", samples, Problem(nodes=6, time_step=240.0), workers=Workers(1))
     solve("data", Settings(), workers=Workers(jobs=1))
     return tmp_path / "data"
 
@@ -76,7 +76,7 @@ def test_experiments_count_what_is_done_and_nothing_where_they_were_done_before(
 
     times = ("transfer-times", "--data", data, "--n", 2, "--nodes", "6,11", "--time-step", "60")
     times += ("--jobs", 1)
-    assert steps(run(*times), "transfer times") == all_of(3 * PLANNERS - 1), "ff1 fits T = 11 alone"
+    assert steps(run(*times), "transfer times") == all_of(3 * PLANNERS - 1), "ff1 fits T = 6 alone"
     assert run(*times, "--resume").stderr == ""
 
     flights = ("flights", "--data", data, "--n", 2, "--flights", 1, "--jobs", 1)

@@ -55,7 +55,8 @@ def kept(folder: Path) -> list[str]:
 
 def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     assert "memory://box/my n4 does not exist" in run("solve", URL, status=2)
-    said = run("sample", "--n", 4, "--count", 24, "--out", URL, "--jobs", 1)
+    few = ("--count", 24, "--nodes", 6, "--time-step", 240)
+    said = run("sample", "--n", 4, *few, "--out", URL, "--jobs", 1)
     assert "24 scenarios of n=4 are in memory://box/my n4; solve them" in said
     assert "not solved at n=4" in run("train", "--arch", "ff1", "--data", URL, "--n", 4, status=2)
     assert "memory://box/my n4 is solved (24 now" in run("solve", URL, "--jobs", 1)
@@ -68,7 +69,7 @@ def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     run(*evaluate)
     assert "Evaluated before" in run(*evaluate, "--resume")
     run("warmstart", "--data", URL, "--n", 4, "--trials", 1)
-    run("transfer-times", "--data", URL, "--n", 4, "--nodes", "11", "--trials", 1, "--jobs", 1)
+    run("transfer-times", "--data", URL, "--n", 4, "--nodes", "6", "--trials", 1, "--jobs", 1)
     run("flights", "--data", URL, "--n", 4, "--trials", 1, "--flights", 1, "--jobs", 1)
     run("report", "--out", "report")
     assert "memory://box/my n4" in run("models", "show", "ff1")

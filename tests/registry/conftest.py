@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import Forked
-from noisy import network
+from noisy import PROBLEM, network
 
 from pipeline.dataset.examples import Examples
 from pipeline.dataset.making import sample, solve
@@ -22,7 +22,6 @@ from pipeline.expert import Settings
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
@@ -35,7 +34,7 @@ CRAFT = 3
 
 def examples(count: int, first: int) -> Examples:
     """Minimum-energy transfers between random rings."""
-    problem = Problem()
+    problem = PROBLEM
     drawn = [draw("rings", 0, CRAFT, first + k, problem) for k in range(count)]
     initial = np.stack([s.initial for s in drawn])
     goal = np.stack([s.goal for s in drawn])
@@ -98,7 +97,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small dataset, drawn and solved by the expert."""
     path = tmp_path_factory.mktemp("data") / "small"
     one = Sample(count=24, shares=(0.5, 0.25, 0.25))
-    sample(path, {CRAFT: one}, Problem(), workers=Workers(1))
+    sample(path, {CRAFT: one}, PROBLEM, workers=Workers(1))
     solve(path, Settings(), workers=Workers(jobs=1))
     return path
 

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hostile import HOSTILE, READ, SEEN, assert_plain, read
+from noisy import PROBLEM
 from planted import one_size, planted
 from typer.testing import CliRunner
 
@@ -18,7 +19,6 @@ from cli.main import app
 from pipeline.experiments.example_transfer import write_example
 from pipeline.figures.transfer import Example
 from pipeline.networks.recipes import Recipe
-from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 from pipeline.training.loop import Trained
@@ -160,7 +160,7 @@ def test_json_has_the_text_and_nothing_that_a_terminal_obeys(written: Written) -
 
 
 def test_a_plan_by_such_a_model_is_shown_in_text(written: Written, folder: Path) -> None:
-    write_scenario(folder / "s.json", draw("rings", 0, 3, 0, Problem()))
+    write_scenario(folder / "s.json", draw("rings", 0, 3, 0, PROBLEM))
     asked = ["plan", "s.json", "--planner", "prolearn-ff1/1", "--raw", "--out", "p.json"]
     planned = CliRunner().invoke(app, asked).output  # safe or not
     for printed in (planned, run("show", "p.json")):

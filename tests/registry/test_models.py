@@ -62,8 +62,8 @@ def test_a_run_tells_its_whole_story(project: Project) -> None:
     assert params["learning_rate"] == str(project.recipe.learning_rate)
     assert params["dataset_digest"] == project.dataset.digest
     assert params["train_instances"] == "20" and params["device"] == "cpu"
-    # dense layers 198 -> 180 -> 198 for 3 craft, 11 nodes, 6 components
-    assert params["parameters"] == str(198 * 180 + 180 + 180 * 198 + 198)
+    # dense layers 108 -> 180 -> 108 for 3 craft, 6 nodes, 6 components
+    assert params["parameters"] == str(108 * 180 + 180 + 180 * 108 + 108)
     history = project.trained.history
     assert metrics["best_epoch"] == project.trained.best_epoch
     assert metrics["best_valid_loss"] == min(epoch.valid_loss for epoch in history)
@@ -183,14 +183,14 @@ def test_mlflow_alone_loads_a_model_and_predicts_for_any_n(
     initial, goal = swarm(n)
     states = loaded.predict({"initial": initial, "goal": goal})
 
-    assert states.shape == (2, n, 11, 6)
+    assert states.shape == (2, n, 6, 6)
     np.testing.assert_array_equal(states, project.trained.model.predict(initial, goal))
 
 
 def test_the_signature_and_the_input_example_go_with_the_model(project: Project) -> None:
     loaded = mlflow.pyfunc.load_model(project.train(1.0).uri)
     example = loaded.input_example
-    assert loaded.predict(example).shape == (1, 2, 11, 6)
+    assert loaded.predict(example).shape == (1, 2, 6, 6)
     initial, goal = swarm(3)
     with pytest.raises(mlflow.exceptions.MlflowException, match="does not match expected shape"):
         loaded.predict({"initial": initial[..., :5], "goal": goal})
@@ -306,7 +306,7 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
     assert run.info.status == "FAILED"
     (kept,) = (folder / "unregistered").iterdir()
     assert kept.name.startswith("ff1-")
-    assert (kept / "weights.safetensors").stat().st_size > 200_000
+    assert (kept / "weights.safetensors").stat().st_size > 150_000
 
 
 def named(data: Path, *references: str) -> list[tuple[str, int]]:

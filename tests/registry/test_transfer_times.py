@@ -50,23 +50,25 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     registered: None, solved: Path
 ) -> None:
     told = Notes()
-    asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6,11", time_steps="60,240", trials=2)
+    asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6,11", time_steps="60,120", trials=2)
     done = transfer_times(asked, workers=ALONE, progress=told)
     found = latest(TRANSFER_TIMES)
     assert done == Done(found.run_id)
     again = transfer_times(asked, resume=True)
     assert again == Done(found.run_id, earlier=True)
-    assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,240")
-    assert told.notes[0] == "T = 6, Δt = 120 s"
-    assert len(told.notes) == 4 * 7 - 1, "two experts, baselines and networks, but for ff1 at T = 6"
+    assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,120")
+    assert told.notes[0] == "T = 6, Δt = 240 s"
+    assert len(told.notes) == 4 * 7 - 1, (
+        "two experts, baselines and networks, but for ff1 at T = 11"
+    )
     table = table_of(found)
     per = table.groupby(["planner", "reading"]).size()
     assert per["lstm1", "flown"] == per["lstm1", "predicted"] == per["expert", "plan"] == 4 * 2
     forward = table[(table.planner == "ff1") & (table.reading == "flown")]
     assert set(zip(forward.nodes, forward.time_step, strict=True)) == {
-        (11, 120.0),
-        (11, 60.0),
-        (11, 240.0),
+        (6, 240.0),
+        (6, 60.0),
+        (6, 120.0),
     }
     check_bounds(table, solved, 2)
 
@@ -75,7 +77,7 @@ def test_at_the_problem_of_the_training_networks_do_as_the_trained_ones_do(
     registered: None, trained: Trained, trained_lstm: Trained, solved: Path
 ) -> None:
     """What was trained predicts in memory; reading, flying and judging it is done anew here."""
-    transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2), workers=ALONE)
+    transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="6", trials=2), workers=ALONE)
     table = table_of(latest(TRANSFER_TIMES))
     scenarios = rows_to_test(solved)[:2]
     initial, goal = (np.stack([s[end] for s in scenarios]) for end in ("initial", "goal"))
@@ -156,7 +158,5 @@ def test_networks_of_another_problem_than_the_dataset_are_refused(
     record_training(
         replace(trained_lstm, model=elsewhere), recipe=recipe, seed=0, dataset=on_solved
     )
-    with pytest.raises(InputError, match=r"time_step 120 and the network lstm1 .* with 90;"):
-        transfer_times(
-            TransferTimes(data=str(solved), n=CRAFT, nodes="11", trials=2), workers=ALONE
-        )
+    with pytest.raises(InputError, match=r"time_step 240 and the network lstm1 .* with 90;"):
+        transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="6", trials=2), workers=ALONE)

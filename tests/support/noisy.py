@@ -7,6 +7,9 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 
+PROBLEM = Problem(nodes=6, time_step=240.0)
+"""The usual transfer in half as many intervals, in which all goes faster."""
+
 SCALE = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
 
 
@@ -15,7 +18,7 @@ def network(scale: float) -> Model:
 
     Flown, noise of size 0 burns the least energy, and the more noise the more fuel.
     """
-    encoding = Encoding(Problem(), 3, "minimum-energy", "offset", SCALE, SCALE)
+    encoding = Encoding(PROBLEM, 3, "minimum-energy", "offset", SCALE, SCALE)
     found = find("ff1")
     torch.manual_seed(0)
     made = found.network(found.config, encoding, 0.0)

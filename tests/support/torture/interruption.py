@@ -102,7 +102,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], Facts]] = {
     "evaluate": ((*EVALUATE, "--trials", "3"), facts),
     "warmstart": ((*WARMSTART, "--n", "2"), facts),
     "transfer-times": (
-        ("transfer-times", *DATA, "--models", "ff1", "--n", "3", "--nodes", "11", "--resume"),
+        ("transfer-times", *DATA, "--models", "ff1", "--n", "3", "--nodes", "6", "--resume"),
         facts,
     ),
     "flights": (

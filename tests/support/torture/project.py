@@ -13,6 +13,9 @@ from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 
+PROBLEM = Problem(nodes=6, time_step=240.0)
+"""The usual transfer in half as many intervals."""
+
 SAMPLES = {
     2: Sample(count=12, shares=(0.5, 0.25, 0.25), shard_rows=3),
     3: Sample(count=24, shares=(0.5, 0.25, 0.25), shard_rows=6),
@@ -36,7 +39,7 @@ EVALUATE = (
 WARMSTART = ("warmstart", *DATA, "--models", "ff1", "--n", "3", "--trials", "2", "--resume")
 
 MADE_BY = (
-    ("scenario", "new", "scenario.json", "--n", "4"),
+    ("scenario", "new", "scenario.json", "--n", "4", "--nodes", "6", "--time-step", "240"),
     ("plan", "scenario.json", "--out", "plan.json"),
     FLY,
     TRAIN,
@@ -77,7 +80,7 @@ def environment() -> dict[str, str]:
 def make(folder: Path, commands: Forked) -> None:
     """Make the project in a folder."""
     one = Workers(jobs=1)
-    sample(folder / "data", SAMPLES, Problem(), workers=Workers(1))
+    sample(folder / "data", SAMPLES, PROBLEM, workers=Workers(1))
     shutil.copytree(folder / "data", folder / "sampled")
     solve(folder / "data", Settings(), workers=one)
     for arguments in MADE_BY:
