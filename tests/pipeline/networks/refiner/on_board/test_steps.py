@@ -21,6 +21,9 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario import draw
 
+# What is run here is a graph, one small call after the other.
+pytestmark = pytest.mark.untyped
+
 PROBLEM = Problem()
 OTHERS = [replace(PROBLEM, nodes=6, time_step=200.0), replace(PROBLEM, nodes=21)]
 REFINER = find("refiner")
