@@ -33,7 +33,7 @@ INSTALL = $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --requi
 
 $(BIN)/prolearn: pyproject.toml requirements/run.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; v < (3, 11) and sys.exit("$(TOO_OLD)" % v[:2])'
-	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -m venv --clear $(VENV)  # what another Python or an earlier lock installed does not mix
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt torch setuptools uv
 	$(call INSTALL,requirements/run.txt)
 	rm -rf prolearn.egg-info  # of an earlier version, which would be taken for the installed one

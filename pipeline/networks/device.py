@@ -6,8 +6,6 @@ import torch
 
 from pipeline.errors import InputError
 
-DEVICES = ("cpu", "cuda", "mps")
-
 
 @lru_cache
 def torch_device(name: str) -> torch.device:
@@ -16,13 +14,12 @@ def torch_device(name: str) -> torch.device:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
         device = torch.device(name)
-        if device.type not in DEVICES:
+        if device.type not in ("cpu", "cuda", "mps"):
             raise RuntimeError("nothing is computed on such a device")
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(
-            f"device is {name!r} ({reason}); expected auto, or one of {', '.join(DEVICES)} that "
-            "this machine has."
+            f"device is {name!r} ({reason}); expected cpu, or cuda or mps where there is one."
         ) from error
     return device

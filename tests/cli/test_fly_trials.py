@@ -221,7 +221,7 @@ def test_on_a_device_the_table_is_the_same_and_a_folder_is_of_one_device(prolear
         (["--trials", "9", "--world", "linear", "--no-j2"], "--no-j2 is given and the linear"),
         (["--device", "cpu"], "--device is given without --trials"),
         (["--trials", "9", "--device", "cpu"], "--device is given and the nonlinear world has"),
-        (["--trials", "9", "--world", "linear", "--device", "cuda"], "expected auto, or one of"),
+        (["--trials", "9", "--world", "linear", "--device", "cuda"], "expected cpu, or cuda"),
         (["--trials", "9", "--size", "nan"], "--size is nan; expected a number from 0 to"),
         (["--trials", "9", "--out", "plan.json"], "--out is the file plan.json; expected a folder"),
         (["--trials", "9", "--replan", "every-node", "--planner", "me"], "planner is 'me'"),

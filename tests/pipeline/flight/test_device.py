@@ -70,7 +70,7 @@ def test_arcs_are_in_float64_on_the_device_and_a_device_that_is_not_there_is_ref
     problem = Problem()
     arc = LinearWorld(problem.dynamics, "cpu").arc(np.ones((2, 6)), np.zeros((2, 3)), 0)
     assert (str(arc.dtype), arc.device.type) == ("torch.float64", "cpu")
-    with pytest.raises(InputError, match="expected auto"):
+    with pytest.raises(InputError, match="expected cpu, or cuda"):
         LinearWorld(problem.dynamics, "cuda:99").arc(np.ones((2, 6)), np.zeros((2, 3)), 0)
 
 

@@ -213,5 +213,5 @@ def test_devices_are_found_by_name():
 
 @pytest.mark.parametrize("name", ["gpu", "", "meta", "cuda:99", "cpu:x"])
 def test_a_device_that_is_not_there_is_refused(name):
-    with pytest.raises(InputError, match="expected auto"):
+    with pytest.raises(InputError, match="expected cpu, or cuda"):
         torch_device(name)

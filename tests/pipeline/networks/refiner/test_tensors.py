@@ -98,7 +98,7 @@ def test_more_swarms_are_planned_together_on_a_device():
 
 def test_a_device_that_is_not_there_or_has_too_little_memory_is_refused(monkeypatch):
     initial, goal = ends("rings", 3, 2, PROBLEM)
-    with pytest.raises(InputError, match="expected auto"):
+    with pytest.raises(InputError, match="expected cpu, or cuda"):
         replace(REFINER, device="cuda:99").answer(initial, goal, 15.0)
 
     def full(*_):
