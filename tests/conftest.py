@@ -25,6 +25,7 @@ os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
 MEMORY, NEEDED = Path("/dev/shm"), 4e9  # bytes, several times what the tests write
 if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > NEEDED:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
+    os.environ.setdefault("TMPDIR", str(MEMORY))
 
 # A worker that has told its results ends at once, after what registers later: to take apart all
 # that it has imported takes the interpreter seconds.
