@@ -24,6 +24,7 @@ os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
 # Files of tests lie in memory where there is room: what is flushed there takes no time.
 MEMORY, NEEDED = Path("/dev/shm"), 4e9  # bytes, several times what the tests write
 if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > NEEDED:
+    # Pytest has asked for the folder of temporary files before it reads this.
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
     os.environ.setdefault("TMPDIR", str(MEMORY))
 

@@ -59,7 +59,7 @@ def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
     variance = float(shares.var(ddof=1)) / k if k > 1 else 0.0
     worth = 0.0
     if variance > 0:
-        few = NORMAL / _student(k)
+        few = NORMAL / _t_quantile(k - 1)
         worth = p * (1 - p) / variance * few**2
     return wilson(p, float(min(max(worth, k), k * each)))
 
@@ -70,13 +70,13 @@ def mean_interval(values: Float[Array, "k"]) -> Interval:
     mean = float(values.mean()) if k else float("nan")
     if k < 2 or np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
         return mean, mean
-    half = _student(k) * float(values.std(ddof=1)) / float(np.sqrt(k))
+    half = _t_quantile(k - 1) * float(values.std(ddof=1)) / float(np.sqrt(k))
     return mean - half, mean + half
 
 
-def _student(k: int) -> float:
-    """Standard errors from the mean of so many values to an end of Student's interval."""
-    return float(special.stdtrit(k - 1, 0.5 + CONFIDENCE / 2))
+def _t_quantile(freedom: int) -> float:
+    """Two-sided quantile of Student's t distribution with so many degrees of freedom."""
+    return float(special.stdtrit(freedom, 0.5 + CONFIDENCE / 2))
 
 
 def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:

@@ -12,6 +12,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+from short_transfer import OPTIONS
 from typer.main import get_command
 
 from cli.main import app
@@ -24,7 +25,7 @@ EVALUATE = ["evaluate", *CRAFT, "--trials", "2", "--timed", "1", "--jobs", "1"]
 COMMANDS = {
     "sample": [
         *("sample", "--n", "3", "--count", "24", "--shares", "0.5,0.25,0.25", "--out", "data"),
-        *("--nodes", "6", "--time-step", "240"),
+        *OPTIONS,
     ],
     "solve": ["solve", "data", "--jobs", "1"],
     "train": [*FF1, "--seed", "0,1", "--json"],

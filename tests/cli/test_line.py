@@ -2,6 +2,8 @@
 
 import json
 
+from short_transfer import OPTIONS
+
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
@@ -13,7 +15,7 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    run("sample", "--n", 4, "--count", 40, "--nodes", 6, "--time-step", 240, "--out", "data")
+    run("sample", "--n", 4, "--count", 40, *OPTIONS, "--out", "data")
     run("solve", "data", "--jobs", 2)
     assert "sound: 40 rows" in run("verify", "data")
     trained = run("train", "--arch", "ff1,lstm1", "--data", "data", "--n", 4, "--epochs", 2)

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 
 import pytest
+from short_transfer import PROBLEM
 from typer.testing import CliRunner
 
 from cli.jobs.networks import classical_planners
@@ -54,7 +55,7 @@ def data(tmp_path, migrated, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copyfile(migrated, "mlflow.db")
     samples = {n: Sample(count=10, shares=(0.6, 0.2, 0.2), shard_rows=5) for n in (2, 3)}
-    sample("data", samples, Problem(nodes=6, time_step=240.0), workers=Workers(1))
+    sample("data", samples, PROBLEM, workers=Workers(1))
     solve("data", Settings(), workers=Workers(jobs=1))
     return tmp_path / "data"
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import fsspec
 import pytest
+from short_transfer import OPTIONS
 from typer.testing import CliRunner
 
 from cli.main import app
@@ -55,7 +56,7 @@ def kept(folder: Path) -> list[str]:
 
 def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     assert "memory://box/my n4 does not exist" in run("solve", URL, status=2)
-    few = ("--count", 24, "--nodes", 6, "--time-step", 240)
+    few = ("--count", 24, *OPTIONS)
     said = run("sample", "--n", 4, *few, "--out", URL, "--jobs", 1)
     assert "24 scenarios of n=4 are in memory://box/my n4; solve them" in said
     assert "not solved at n=4" in run("train", "--arch", "ff1", "--data", URL, "--n", 4, status=2)

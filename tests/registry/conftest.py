@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import Forked
-from noisy import PROBLEM, network
+from noisy import network
+from short_transfer import PROBLEM
 
 from pipeline.dataset.examples import Examples
 from pipeline.dataset.making import sample, solve

@@ -9,7 +9,7 @@ from pathlib import Path
 import documented
 import pytest
 from forked import Forked
-from noisy import PROBLEM
+from short_transfer import PROBLEM
 
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from hostile import HOSTILE, READ, SEEN, assert_plain, read
-from noisy import PROBLEM
 from planted import one_size, planted
+from short_transfer import PROBLEM
 from typer.testing import CliRunner
 
 from cli.main import app

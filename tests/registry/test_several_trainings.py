@@ -49,7 +49,7 @@ def trials(
 ) -> list[tuple[int, float | None, dict[str, Any]]]:
     """Number, value and parameters of each trial of a search that is kept in a new file."""
     asked = {"data": how.data, "n": how.n, "device": "cpu", "epochs": 1, "storage": path}
-    tune(TuningSettings(arch="ff1", trials=4, at_once=2, **asked), workers=workers, **more)
+    tune(TuningSettings(arch="ff1", trials=5, at_once=3, **asked), workers=workers, **more)
     study = optuna.load_study(study_name=None, storage=f"sqlite:///{path}")
     return [(one.number, one.value, one.params) for one in study.trials]
 
@@ -73,7 +73,7 @@ def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
     assert trials(how, folder / "two.db", Workers(2)) == one
     there, progress = Workers(scheduler=cluster.address), Kills(cluster)
     assert trials(how, folder / "there.db", there, progress=progress) == one
-    assert progress.complete == 4
+    assert progress.complete == 5
 
 
 def test_a_worker_that_reads_other_data_is_refused(

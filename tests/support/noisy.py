@@ -1,14 +1,11 @@
 """Networks whose fuel is known to rise with the noise that is put on their answers."""
 
 import torch
+from short_transfer import PROBLEM
 
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.orbit.problem import Problem
-
-PROBLEM = Problem(nodes=6, time_step=240.0)
-"""The usual transfer in half as many intervals, in which all goes faster."""
 
 SCALE = (100.0, 200.0, 50.0, 0.1, 0.2, 0.05)
 

@@ -6,15 +6,12 @@ import shutil
 from pathlib import Path
 
 from forked import Forked
+from short_transfer import OPTIONS, PROBLEM
 
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
-from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-
-PROBLEM = Problem(nodes=6, time_step=240.0)
-"""The usual transfer in half as many intervals."""
 
 SAMPLES = {
     2: Sample(count=12, shares=(0.5, 0.25, 0.25), shard_rows=3),
@@ -39,7 +36,7 @@ EVALUATE = (
 WARMSTART = ("warmstart", *DATA, "--models", "ff1", "--n", "3", "--trials", "2", "--resume")
 
 MADE_BY = (
-    ("scenario", "new", "scenario.json", "--n", "4", "--nodes", "6", "--time-step", "240"),
+    ("scenario", "new", "scenario.json", "--n", "4", *OPTIONS),
     ("plan", "scenario.json", "--out", "plan.json"),
     FLY,
     TRAIN,
