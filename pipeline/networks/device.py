@@ -12,14 +12,14 @@ def torch_device(name: str) -> torch.device:
     """Torch device by its name, for "auto" CUDA where there is one; InputError if not available."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    reason = ""
     try:
-        device = torch.device(name)
-        if device.type not in ("cpu", "cuda", "mps"):
-            raise RuntimeError("nothing is computed on such a device")
-        torch.zeros(1, device=device)
+        if name.partition(":")[0] in ("cpu", "cuda", "mps"):
+            device = torch.device(name)
+            torch.zeros(1, device=device)
+            return device
     except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"device is {name!r} ({reason}); expected cpu, or cuda or mps where there is one."
-        ) from error
-    return device
+        reason = f" ({str(error).splitlines()[0]})"
+    raise InputError(
+        f"device is {name!r}{reason}; expected cpu, or cuda or mps where there is one."
+    )
