@@ -19,7 +19,8 @@ def torch_device(name: str) -> torch.device:
             torch.zeros(1, device=device)
             return device
     except (RuntimeError, AssertionError) as error:
-        reason = f" ({str(error).splitlines()[0]})"
+        first, *_ = str(error).splitlines()[0].split(". ")  # torch goes on for a page
+        reason = f" ({first})"
     raise InputError(
         f"device is {name!r}{reason}; expected cpu, or cuda or mps where there is one."
     )
