@@ -15,7 +15,7 @@ from scipy import sparse
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import ConicProgram, stacked
-from pipeline.expert.solvers import ROWWISE, new_highs
+from pipeline.expert.solvers import ROWWISE, new_highs, run
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.arrays import Values
 from pipeline.orbit.problem import LIMIT_ROUNDING
@@ -102,7 +102,7 @@ class _Integers:
             *(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data),
             np.repeat([0, 1], [width - N, N]).astype(np.int32),
         )
-        solver.run()
+        run(solver, long=True)
         status = solver.getModelStatus()
         if status not in _FOUND or not np.isfinite(solver.getInfo().objective_function_value):
             reason = solver.modelStatusToString(status)

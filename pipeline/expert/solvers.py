@@ -54,7 +54,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
         solver.setBasis(_basis_of(sub.last))
     elif sub.basis is not None:
         solver.setBasis(_basis(sub, sub.basis))
-    _run(solver, k)
+    run(solver, long=k >= LONG)
     status = solver.getModelStatus()
     if status != highspy.HighsModelStatus.kOptimal and sub.last is not None:
         return by_simplex(replace(sub, last=None))  # whose basis is dual feasible for sure
@@ -89,9 +89,9 @@ def new_highs(**options: Any) -> highspy.Highs:
     return solver
 
 
-def _run(solver: highspy.Highs, half_spaces: int) -> None:
+def run(solver: highspy.Highs, *, long: bool) -> None:
     """Run HiGHS; a long program runs in its own thread, so that Ctrl-C and SIGTERM can stop it."""
-    if half_spaces < LONG:
+    if not long:
         solver.run()
         return
     solver.HandleUserInterrupt = True

@@ -13,7 +13,7 @@ from pipeline.expert.conflicts import ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
-from pipeline.expert.solvers import LONG, ROWWISE, _highs, _run, by_simplex
+from pipeline.expert.solvers import ROWWISE, _highs, by_simplex, run
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
@@ -179,13 +179,13 @@ def test_a_signal_ends_a_long_program_and_the_next_is_solved():
     signal.setitimer(signal.ITIMER_REAL, 0.5)
     try:
         with pytest.raises(KeyboardInterrupt):
-            _run(solver, LONG)
+            run(solver, long=True)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
     assert solver.getModelStatus() == HighsModelStatus.kInterrupt
     solver = _highs()
     passed(solver, np.ones(1), np.full((1, 1), 4.0), np.full(1, 2.0))
-    _run(solver, LONG)
+    run(solver, long=True)
     assert solver.getModelStatus() == HighsModelStatus.kOptimal
     assert solver.getSolution().col_value == [0.5]

@@ -1,16 +1,19 @@
 """Thrusters of any kind: least fuel, bounds and verdicts against cvxpy, MILPs and by hand."""
 
+import signal
 from dataclasses import replace
 
 import cvxpy as cp
 import numpy as np
 import pytest
+from highspy import HighsModelStatus
 from judge.motion import Case, exact_step
 from judged import document, judged
 from scipy.optimize import Bounds, LinearConstraint, milp
 from thrusting import AXES, FIVE, MODELS, drawn, least, with_thrust
 
-from pipeline.expert import solve, solve_many
+from pipeline.expert import mixed_integer, solve, solve_many
+from pipeline.expert.solvers import new_highs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.thrust_cost import cost, support, worth
@@ -154,6 +157,29 @@ def test_burns_are_as_large_as_the_bit_where_there_are_few_intervals(bit):
     assert plan.status == SOLVED, plan.message
     assert judged(scenario, plan).wrong == ()
     assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(scenario, bit)
+
+
+def test_a_signal_ends_a_search_for_burns_as_large_as_the_bit(monkeypatch):
+    """The first program of this swarm takes a third of a second, others 20 s."""
+    swarm, begun = with_thrust(draw("rings", 0, 10, 3, Problem()), Thrust(min_delta_v=0.04)), []
+
+    def made(**options):
+        begun.append(new_highs(**options))
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        return begun[-1]
+
+    def interrupt(number, frame):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mixed_integer, "new_highs", made)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            solve(swarm)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert begun[0].getModelStatus() == HighsModelStatus.kInterrupt
 
 
 def least_with_bit(scenario, bit):
