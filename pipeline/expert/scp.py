@@ -69,7 +69,8 @@ class SearchProblem:
     @cached_property
     def detection(self) -> ConflictDetection:
         """The conflict detection of these requirements."""
-        problem, swarms, margin = self.batch.problem, self.batch.swarms, self.settings.margin
+        problem, swarms, settings = self.batch.problem, self.batch.swarms, self.settings
+        margin = float(settings.margin_at(np.array(problem.collision_radius)))
         return ConflictDetection(problem, self.requirements, swarms, margin, self.back_off)
 
     def part(self, which: Sequence[int]) -> "SearchProblem":
@@ -90,7 +91,6 @@ class Search:
         self.asked, self.settings, self.batch = asked, asked.settings, asked.batch
         self.problem, self.swarm = self.batch.problem, self.batch.swarms.label
         self.provable = self.problem.collision_radius + PROVABLE
-        self.separation = self.problem.collision_radius + self.settings.margin
         # Craft whose part of the reference is known to be safe, whose cluster is not done, and
         # whose cluster's program the solver failed at.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
@@ -102,9 +102,9 @@ class Search:
         in_conflict = self._scenarios(cuts.first)
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
-        # What each cut asks for beyond radius and margin, m, and its dual in the last program that
-        # had it, m/s² per m.
-        self.back_off, self.dual = np.zeros((2, 0))
+        # What each cut asks for beyond radius and margin, m; its dual in the last program that had
+        # it, m/s² per m; and radius and margin, m.
+        self.back_off, self.dual, self.separation = np.zeros((3, 0))
         self.bases = Bases(self.batch.optima.basis, 3 * self.problem.intervals)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
@@ -131,7 +131,7 @@ class Search:
         self.reference.set(given, self._flown(np.concatenate(list(chosen.values())), given))
         near, bound = self.asked.detection.conflicts(
             self.reference,
-            self.problem.collision_radius + SEED_LOOK,
+            self.problem.collision_radius + min(self.problem.collision_radius, SEED_LOOK),
             given,
             beside=self.settings.beside,
         )
@@ -196,8 +196,11 @@ class Search:
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
         self.bases.grow(len(cuts))
-        more = np.zeros(len(cuts) - len(self.dual))
-        self.back_off, self.dual = np.append(self.back_off, more), np.append(self.dual, more)
+        beyond, radius = cuts.of_sizes[len(self.dual) :], self.problem.collision_radius
+        margin = self.settings.margin_at(radius + np.minimum(beyond, 0.0))
+        self.separation = np.append(self.separation, radius + margin)
+        self.back_off = np.append(self.back_off, beyond)
+        self.dual = np.append(self.dual, np.zeros(len(beyond)))
         # The cluster of each craft.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
         label = self.labels[cuts.first]
@@ -347,7 +350,7 @@ class Search:
     def _judge(self, clusters: list[Cluster]) -> None:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
         moved = self._moved(clusters)
-        within = self.problem.collision_radius + self.settings.look_ahead
+        within = self.settings.looked_at(self.problem.collision_radius)
         found, bound = self.asked.detection.conflicts(self.iterate, within, moved)
         broken = bound <= self.provable  # so that the certificate proves the rest safe
         unsafe = np.zeros(len(self.swarm), dtype=bool)

@@ -3,6 +3,14 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from pipeline.arrays import Array, Float
+from pipeline.orbit.approaches import PROVABLE
+
+REFERENCE = 15.0  # separation, m, from which on margins are so many metres; below it they shrink
+LEAST_MARGIN = 3 * PROVABLE  # of what a later search for close approaches may find nearer, m
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -14,9 +22,11 @@ class Settings:
         improvement: a cluster that gains no more than this share of its fuel is done.
         starts: searches, each begun by passing on other sides, of which the best is kept.
         margin: separation asked for beyond the collision radius, m, so that small shifts stay
-            safe; the smaller, the less fuel and the more rounds.
+            safe; the smaller, the less fuel and the more rounds. In proportion less for
+            separations below 15 m.
         look_ahead: pairs that pass within this of the collision radius are cut before they
-            violate it, m; the larger, the fewer rounds of larger programs.
+            violate it, m; the larger, the fewer rounds of larger programs. In proportion less for
+            a collision radius below 15 m.
         beside: how long before and after each closest approach of a seed it is cut as well, as a
             share of the interval; the plan that follows is closest at other times.
         max_rounds: rounds of programs that a search may take.
@@ -35,6 +45,15 @@ class Settings:
     max_rounds: int = 60
     again: int = 8
     solver: Literal["simplex", "clarabel"] = "simplex"
+
+    def margin_at(self, separation: Float[Array, "*pairs"]) -> Float[Array, "*pairs"]:
+        """The margin of each pair that must be so far apart, m."""
+        share = np.maximum(self.margin * separation / REFERENCE, LEAST_MARGIN)
+        return np.asarray(np.minimum(self.margin, share))
+
+    def looked_at(self, radius: float) -> float:
+        """The distance up to which pairs are cut, at a collision radius, m."""
+        return radius + self.look_ahead * min(1.0, radius / REFERENCE)
 
 
 Effort = Literal["first", "default", "best"]  # names of EFFORTS

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isclose
 
+import numpy as np
+
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, Settings, nominal_plans, within_risk
@@ -29,7 +31,8 @@ class NetworkPlanner:
 
     model: TrainedNetwork
     name: str  # what tables and plans call it
-    # what its plans are judged by; the network knows the collision radius alone
+    # what its plans are judged by; the network knows the collision radius, or that of the largest
+    # craft where these are smaller, alone
     requirements: Requirements = AT_ALL_TIMES
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -50,7 +53,10 @@ class NetworkPlanner:
             initial, goal = batch.initial.reshape(shape), batch.goal.reshape(shape)
             if _other_field(model, problem) is not None:
                 model = model.on(problem)
-            found = model.answer(initial, goal, problem.collision_radius)
+            each = np.array([*map(_separation, scenarios)])
+            parts = [np.flatnonzero(each == radius) for radius in np.unique(each)]
+            answers = [model.answer(initial[k], goal[k], float(each[k[0]])) for k in parts]
+            found = np.concatenate(answers)[np.concatenate(parts).argsort()]
             if model.answers == "states":
                 controls = project_to_flyable(found, initial, goal, problem)
             else:
@@ -151,6 +157,12 @@ def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
 
 def _written(value: float | int | ReferenceOrbit | None) -> str:
     return f"{value:.9g}" if isinstance(value, int | float) else str(value or "a circle")
+
+
+def _separation(scenario: Scenario) -> float:
+    """The separation that a network plans with, m: of the two largest craft, or r_col if less."""
+    radius = scenario.problem.collision_radius
+    return min(radius, float(np.sort(scenario.radii)[-2:].sum())) if scenario.n > 1 else radius
 
 
 def _other_field(model: TrainedNetwork, problem: Problem) -> str | None:

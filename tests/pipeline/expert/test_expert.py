@@ -368,3 +368,16 @@ def test_a_scenario_that_cannot_be_does_not_spoil_the_others():
 
 def test_no_scenarios_have_no_plans():
     assert solve_many([]) == []
+
+
+@pytest.mark.parametrize("settings", [FIRST_SAFE, Settings(), BEST], ids=["first", "", "best"])
+@pytest.mark.parametrize(("radius", "rel"), [(150.0, 2e-3), (1.0, 1e-5), (0.01, 2e-3)])
+def test_a_smaller_swarm_burns_in_proportion_less(settings, radius, rel):
+    """All lengths are scaled alike, so that controls are, too; up to what proofs need in metres."""
+    scenario, scale = draw("rings", 2022, 10, 3, PROBLEM), radius / 15
+    problem = replace(PROBLEM, collision_radius=radius)
+    small = Scenario(problem, scenario.initial * scale, scenario.goal * scale)
+    fuel = solve(small, settings=settings).certificate.fuel
+    usual = solve(scenario, settings=settings).certificate
+    assert usual.optimality_gap > 1e-3
+    assert fuel == pytest.approx(usual.fuel * scale, rel=rel)

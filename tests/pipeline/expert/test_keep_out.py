@@ -148,6 +148,33 @@ def test_equal_radii_of_half_the_collision_radius_are_the_default():
     assert found.clearance.min_clearance == pytest.approx(found.min_separation - 15, abs=1e-6)
 
 
+PASSING = Scenario(
+    Problem(),
+    np.array([[0.0, -20, 0, 0, 0, 0], [0.0, -12, 0, 0, 0, 0]]),
+    np.array([[0.0, 20, 0, 0, 0, 0], [0.0, 12, 0, 0, 0, 0]]),
+)
+
+
+@pytest.mark.parametrize("name", ["expert", "refiner"])
+def test_small_radii_cost_what_a_small_collision_radius_does(name):
+    """Craft of 2 m beside a collision radius of 15 m, which asks nothing of them."""
+    own = replace(PASSING, craft=(Spacecraft(radius=2.0),) * 2)
+    same = replace(PASSING, problem=replace(PASSING.problem, collision_radius=4.0))
+    by_radii, by_default = planned(own, name=name), planned(same, name=name)
+    assert by_default.certificate.optimality_gap < 0.1
+    assert by_radii.certificate.fuel == pytest.approx(by_default.certificate.fuel, rel=1e-3)
+    assert by_radii.certificate.clearance.min_clearance_bound > 0
+
+
+def test_a_small_craft_passes_a_small_obstacle_by_no_more_than_both_need():
+    start, goal = PASSING.initial[:1] * 0.3, PASSING.goal[:1] * 0.3
+    own = Scenario(Problem(), start, goal, obstacles=(Obstacle("t", (0.0,) * 6, radius=4.0),))
+    own = replace(own, craft=(Spacecraft(radius=1.0),))
+    same = replace(own, problem=replace(own.problem, collision_radius=2.0), craft=())
+    fuel = planned(own).certificate.fuel
+    assert fuel == pytest.approx(planned(same).certificate.fuel, rel=1e-3)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_after_a_loss_of_thrust_craft_keep_clear_of_obstacles_too(kind):
     asked = Requirements(passive_safety=0.5)
