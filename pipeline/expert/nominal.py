@@ -45,8 +45,14 @@ def nominal_plans(
     As in ``solve_many``, but for the risk, which is not looked at; ``back_off`` is what is asked
     for beyond the collision radius because craft err.
     """
-    if not scenarios:
-        return []
+    batches = _batches(scenarios)
+    if len(batches) != 1:
+        each: dict[int, Plan] = {}
+        for some in batches:
+            part = [scenarios[k] for k in some], None if seeds is None else [seeds[k] for k in some]
+            found = nominal_plans(*part, settings, requirements, back_off)
+            each |= zip(some, found, strict=True)
+        return [each[k] for k in range(len(scenarios))]
     batch, requirements = Batch(scenarios), requirements.nominal
     asked = SearchProblem(batch, settings, requirements, back_off)
     started = perf_counter()
@@ -66,6 +72,18 @@ def nominal_plans(
     ]
     plans = planned_all("expert", scenarios, made, requirements)
     return [_explained(*both) for both in zip(plans, results, strict=True)]
+
+
+def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
+    """The scenarios that are searched side by side: with limits of each craft, and without.
+
+    Where burns have a least size each is searched alone, as rounding decides which are dropped.
+    """
+    each: dict[object, list[int]] = {}
+    for k, scenario in enumerate(scenarios):
+        alone = k if scenario.problem.thrust.min_delta_v is not None else None
+        each.setdefault((alone, scenario.limits is None), []).append(k)
+    return [*each.values()]
 
 
 def with_back_off(

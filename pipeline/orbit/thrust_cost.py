@@ -12,6 +12,7 @@ from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
 WITHIN = 1 + 1e-12  # by which prices are shrunk more than to 1, so that rounding leaves them there
+TIGHT = 1e-10  # tolerance of the program that finds thrusts, of the largest of them
 EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where it can be avoided
 
 
@@ -129,6 +130,7 @@ def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, 
         A_ub=within,
         b_ub=most[np.isfinite(most)].repeat(K),
         method="highs",
+        options={"primal_feasibility_tolerance": TIGHT, "dual_feasibility_tolerance": TIGHT},
     )
     if solved.x is None:
         raise ProlearnError(f"the thrusts of a plan were not found: {solved.message}")
@@ -140,9 +142,11 @@ def cost_within(
     controls: Controls, thrust: Thrust, limits: Limits | None
 ) -> Float[Array, "n intervals"]:
     """What each control costs, m/s², within the limits of its thrusters."""
+    least = cost(controls, thrust)
     if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
-        return cost(controls, thrust)
-    return np.asarray(thrusts(controls, limits, thrust).sum(axis=2))
+        return least
+    # Limits make nothing cheaper; a program's tolerance might.
+    return np.asarray(np.maximum(least, thrusts(controls, limits, thrust).sum(axis=2)))
 
 
 def spent(controls: Controls, thrust: Thrust, limits: Limits | None = None) -> OfCraft:

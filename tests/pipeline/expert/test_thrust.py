@@ -159,6 +159,38 @@ def test_burns_are_as_large_as_the_bit_where_there_are_few_intervals(bit):
     assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(scenario, bit)
 
 
+def test_burns_as_large_as_the_bit_are_the_same_alone_and_among_others():
+    """Rounding decides which burns are dropped, and so which others make up for them."""
+    thrust = Thrust(min_delta_v=0.02)
+    swarms = [with_thrust(draw("rings", 0, 5, k, Problem()), thrust) for k in (3, 4, 5)]
+    for swarm, plan in zip(swarms, solve_many(swarms), strict=True):
+        assert (plan.controls == solve(swarm).controls).all()
+
+
+def test_a_swarm_without_limits_is_planned_by_table_beside_one_that_has_some():
+    limited = replace(SWARM, craft=(Spacecraft(delta_v=9.0),) * SWARM.n)
+    plan, other = solve_many([SWARM, limited])
+    alone = solve(SWARM)
+    assert (plan.controls == alone.controls).all()
+    assert plan.certificate == alone.certificate
+    assert other.scenario is limited
+
+
+TETRAHEDRON = 3**-0.5 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]])
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 4])
+def test_fuel_is_not_below_its_bound_where_thrusters_have_limits(index):
+    """Each control by hand: the gauge of a regular tetrahedron is 3 max(-u · d)."""
+    problem = Problem(
+        thrust=Thrust(tuple(map(tuple, TETRAHEDRON.tolist()))), max_acceleration=3.5e-3
+    )
+    plan = solve(draw("rings", 3, 4, index, problem))
+    gauge = 3 * np.max(-plan.controls @ TETRAHEDRON.T, axis=2).sum()
+    assert gauge * (1 - 1e-15) <= plan.certificate.fuel <= gauge * (1 + 1e-9)
+    assert plan.certificate.optimality_gap >= 0
+
+
 def test_a_signal_ends_a_search_for_burns_as_large_as_the_bit(monkeypatch):
     """The first program of this swarm takes a third of a second, others 20 s."""
     swarm, begun = with_thrust(draw("rings", 0, 10, 3, Problem()), Thrust(min_delta_v=0.04)), []
