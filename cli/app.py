@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo, escape_unencodable
 from pipeline.errors import InputError, ProlearnError, missing
-from pipeline.files import unfinished
+from pipeline.files import refuse_special, unfinished
 from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -134,7 +134,8 @@ def explained_interrupt(kept: Callable[[], str]) -> Iterator[None]:
 
 
 def refuse_overwriting(source: Path, target: Path) -> None:
-    """Raise InputError where what is made of a file would be written in that file's place."""
+    """Raise InputError where what is made of a file would be written in its place, or a pipe's."""
+    refuse_special(target)
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
             f"{target} is what is read, and would be written over; expected another name for what "

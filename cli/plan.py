@@ -17,7 +17,7 @@ from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, flag, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, number
-from pipeline.files import STDIO, stem_of
+from pipeline.files import STDIO, refuse_special, stem_of
 
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
@@ -118,6 +118,7 @@ def plan(
 
     if not world:
         refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
+    refuse_special(out)
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         refuse_overwriting(path, target)

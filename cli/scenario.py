@@ -26,6 +26,7 @@ from cli.settings import (
     option,
 )
 from pipeline.errors import InputError
+from pipeline.files import refuse_special
 
 if TYPE_CHECKING:
     from pipeline.scenario import Diagnostic, Scenario
@@ -114,6 +115,7 @@ def new(
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
+    refuse_special(scenario)
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     asked, content = problem.problem(), asdict(problem)

@@ -35,13 +35,26 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"{file} is a file; expected a folder.") from error
 
 
+def refuse_special(path: Path) -> None:
+    """Raise InputError for a pipe, a socket or a device, which no file may take the place of."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            f"{path} is a pipe, a socket or a device; expected the name of a file, or, where the "
+            "command has it, standard output: give --out -."
+        )
+
+
 @contextlib.contextmanager
 def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
-    InputError where it is a folder, or what should be its folder is a file.
+    Of a symbolic link the file that it names is replaced. InputError where it is a folder, a pipe
+    or a device, or what should be its folder is a file.
     """
+    refuse_special(path)
+    if path.is_symlink():
+        path = path.resolve()
     make_folder(path.parent)
     if path.is_dir():
         raise InputError(f"{path} is a folder; expected the name of a file.")
