@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from errno import EPIPE
+from errno import ENOSPC, EPIPE
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -108,9 +108,12 @@ def _sigterm_raises() -> Iterator[None]:
 
 def _in_words(error: Exception) -> str:
     """What an error says; a file is named as the person knows it, and not our temporary one."""
-    if not (isinstance(error, OSError) and isinstance(error.filename, str) and error.strerror):
+    if not (isinstance(error, OSError) and error.strerror):
         return str(error)
-    path = Path(error.filename)
+    name = "stdout" if error.errno == ENOSPC and error.filename is None else error.filename
+    if not isinstance(name, str):
+        return str(error)
+    path = Path(name)
     return (
         f"{unfinished(path) or path} cannot be read or written ({error.strerror}); expected one "
         "that can: name another, or look at its rights and the room on its disk."

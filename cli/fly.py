@@ -316,7 +316,8 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
         values = [getattr(one, name) for one in summaries]
         if any(value is not None for value in values):
             lines.append([label, *(MISSING if v is None else text(v) for v in values)])
-    print_table([f"{summaries[0].trials} trials", *(one.loop for one in summaries)], lines)
+    count = summaries[0].trials
+    print_table([f"{count} trial{'s' * (count != 1)}", *(one.loop for one in summaries)], lines)
 
 
 QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (

@@ -173,7 +173,8 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     if len(set(names)) < len(names):
         raise InputError("two scenario files have the same name; expected different names.")
     if out.is_file():
-        raise InputError(f"--out is the file {out}; expected a folder for several plans.")
+        wanted = "a folder for several plans" if names[1:] else "a folder, or a name with .json"
+        raise InputError(f"--out is the file {out}; expected {wanted}.")
     return [out / name for name in names]
 
 

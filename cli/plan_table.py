@@ -199,8 +199,8 @@ def _remarks(row: Row) -> list[str]:
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(
-            "in the given order some craft cannot reach its goal within its limits of "
-            "thrust, which is proven."
+            "in the given order some craft cannot reach its goal within its limits, which is "
+            "proven."
         )
     if row["model_error"] > row["collision_radius"]:
         said.append(

@@ -120,7 +120,8 @@ def new(
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     asked, content = problem.problem(), asdict(problem)
     if files != InertialFiles():
-        refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
+        why = "with inertial states, which have craft and an orbit of their own; leave it out."
+        refuse(context, NOT_INERTIAL, why)
         made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         content = {**document_of(made), **thrust.fields(made.n)}
         _told(scenario, write_by_hand(scenario, content))

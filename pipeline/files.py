@@ -35,6 +35,17 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"{file} is a file; expected a folder.") from error
 
 
+@contextlib.contextmanager
+def _named(name: object) -> Iterator[None]:
+    """In the block an OSError that names no file, as of a full disk, names this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(name)
+        raise
+
+
 def refuse_special(path: Path) -> None:
     """Raise InputError for a pipe, a socket or a device, which no file may take the place of."""
     if path.exists() and not (path.is_file() or path.is_dir()):
@@ -61,9 +72,10 @@ def published(path: Path) -> Iterator[Path]:
     # Named here and made in the block: a file made before it would outlive an interrupt between.
     temporary = path.parent / f".{path.name}.{uuid4().hex}.tmp"
     try:
-        yield temporary
-        temporary.chmod(0o644)
-        _flush(temporary)
+        with _named(path):
+            yield temporary
+            temporary.chmod(0o644)
+            _flush(temporary)
         temporary.replace(path)
         _flush(path.parent)
     finally:
@@ -86,12 +98,13 @@ def read_bytes(path: Path, most: int) -> bytes:
 def write_text(path: Path, text: str) -> None:
     """Write a text file that appears whole, or to standard output; both are in UTF-8."""
     if path == STDIO:
-        sys.stdout.flush()
-        if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, which is for people
-            sys.stdout.buffer.write(text.encode())
-        else:
-            sys.stdout.write(text)
-        sys.stdout.flush()
+        with _named("stdout"):
+            sys.stdout.flush()
+            if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, for people
+                sys.stdout.buffer.write(text.encode())
+            else:
+                sys.stdout.write(text)
+            sys.stdout.flush()
         return
     with published(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

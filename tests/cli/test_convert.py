@@ -102,10 +102,12 @@ def test_what_is_there_already_and_of_the_other_kind_is_left_alone(prolearn, pla
     (tmp_path / "taken").write_text("mine")
     done = prolearn("convert", "p.json", "--to", "oem", "--out", "taken")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "taken is a file; expected a folder for oem" in done.stderr
     assert (tmp_path / "taken").read_text() == "mine"
     (tmp_path / "folder").mkdir()
     done = prolearn("convert", "p.json", "--to", "csv", "--out", "folder")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "folder is a folder; expected a file for csv" in done.stderr
     before = (tmp_path / "p.json").read_bytes()
     done = prolearn("convert", "p.json", "--to", "csv", "--out", "p.json")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

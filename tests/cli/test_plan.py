@@ -110,6 +110,14 @@ def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
     assert f" {gap:.2%} " in row_of("s", done.stdout)
 
 
+def test_a_file_without_a_suffix_is_no_name_of_a_plan(prolearn, tmp_path):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
+    (tmp_path / "taken").write_text("mine")
+    done = prolearn("plan", "s.json", "--out", "taken")
+    said = "prolearn: --out is the file taken; expected a folder, or a name with .json.\n"
+    assert (done.returncode, done.stderr) == (2, said)
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
