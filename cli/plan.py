@@ -11,7 +11,7 @@ import typer
 
 from cli.app import explained_interrupt, refuse_overwriting, within_memory
 from cli.options import refuse, with_settings
-from cli.output import echo, print_json, print_table, stdout_for_document, stdout_free
+from cli.output import echo, note, print_json, print_table, stdout_for_document, stdout_free
 from cli.plan_table import HEADINGS, is_unsolved, plan_cells, planner_cell, print_plans
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, flag, option
@@ -246,9 +246,9 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
             echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
     bent = [row for row in rows if row["knee"]]
     for row in bent:
-        echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
+        note(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
     if not bent:
-        echo(
+        note(
             "There is no knee: too few plans are safe, or more time saves about as much everywhere."
         )
     echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")

@@ -388,10 +388,14 @@ def test_on_a_terminal_of_80_columns_those_without_room_follow_in_a_table_below(
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
     risk = ("--risk", "0.01", "--errors", "cold-gas", "--closed-loop", "--passive-safety", "0.5")
     asked = ("plan", "s.json", "--out", "p.json", *risk, "--assignment", "optimal")
-    (whole,) = [line.split() for line in prolearn(*asked).stdout.splitlines() if line[:2] == "s "]
-    lines = on_a_terminal(forked, asked, tmp_path).splitlines()
+    elsewhere = prolearn(*asked).stdout.splitlines()
+    (whole,) = [line.split() for line in elsewhere if line[:2] == "s "]
+    lines = [line.rstrip() for line in on_a_terminal(forked, asked, tmp_path).splitlines()]
+    assert max(map(len, lines)) <= 80
+    notes = [line for line in elsewhere if line.startswith(("saved: ", "adrift from: ", "safety"))]
+    assert len(notes) == 3 and max(map(len, notes)) > 80
+    assert all(note in " ".join(lines) for note in notes)
     first, second = [line for line in lines if line[:2] == "s "]
-    assert max(len(first.rstrip()), len(second.rstrip())) <= 80
     shown = [*first.split(), *second.split()[1:]]
     time = 8  # that it took, which differs
     assert [*shown[:time], *shown[time + 1 :]] == [*whole[:time], *whole[time + 1 :]]
