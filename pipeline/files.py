@@ -65,7 +65,9 @@ def published(path: Path) -> Iterator[Path]:
     """
     refuse_special(path)
     if path.is_symlink():
-        path = path.resolve()
+        path = Path(os.path.realpath(path))
+        if path.is_symlink():
+            raise InputError(f"{path} is a link that leads to itself; expected the name of a file.")
     make_folder(path.parent)
     if path.is_dir():
         raise InputError(f"{path} is a folder; expected the name of a file.")

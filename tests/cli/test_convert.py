@@ -123,6 +123,14 @@ def test_of_a_link_the_file_that_it_names_is_replaced(prolearn, planned, tmp_pat
     assert len((tmp_path / "real.csv").read_text().splitlines()) == 1 + 11 * 11
 
 
+def test_a_link_that_leads_to_itself_is_refused(prolearn, planned, tmp_path):
+    planned()
+    (tmp_path / "link.csv").symlink_to("link.csv")
+    done = prolearn("convert", "p.json", "--to", "csv", "--out", "link.csv")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "link.csv is a link that leads to itself; expected the name of a file" in done.stderr
+
+
 @pytest.mark.parametrize(
     "command",
     [
