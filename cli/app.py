@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from errno import EPIPE
+from errno import ENOSPC, EPIPE
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo, escape_unencodable
 from pipeline.errors import InputError, ProlearnError, missing
-from pipeline.files import unfinished
+from pipeline.files import refuse_special, unfinished
 from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -108,9 +108,12 @@ def _sigterm_raises() -> Iterator[None]:
 
 def _in_words(error: Exception) -> str:
     """What an error says; a file is named as the person knows it, and not our temporary one."""
-    if not (isinstance(error, OSError) and isinstance(error.filename, str) and error.strerror):
+    if not (isinstance(error, OSError) and error.strerror):
         return str(error)
-    path = Path(error.filename)
+    name = "stdout" if error.errno == ENOSPC and error.filename is None else error.filename
+    if not isinstance(name, str):
+        return str(error)
+    path = Path(name)
     return (
         f"{unfinished(path) or path} cannot be read or written ({error.strerror}); expected one "
         "that can: name another, or look at its rights and the room on its disk."
@@ -134,7 +137,8 @@ def explained_interrupt(kept: Callable[[], str]) -> Iterator[None]:
 
 
 def refuse_overwriting(source: Path, target: Path) -> None:
-    """Raise InputError where what is made of a file would be written in that file's place."""
+    """Raise InputError where what is made of a file would be written in its place, or a pipe's."""
+    refuse_special(target)
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
             f"{target} is what is read, and would be written over; expected another name for what "

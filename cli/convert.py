@@ -59,8 +59,8 @@ def convert(
         raise InputError(f"{to} is no text for standard output; expected a name: give --out.")
     refuse_overwriting(plan, target)
     if target.is_dir() != folder and target.exists():
-        kind = "a folder" if folder else "a file"
-        raise InputError(f"{target} is there already; expected {kind} for {to}: give --out.")
+        there, wanted = ("file", "folder") if folder else ("folder", "file")
+        raise InputError(f"{target} is a {there}; expected a {wanted} for {to}: give --out.")
     with told_where(plan):
         files = write_plan_as(to, made, target, stem_of(plan), mass=held, specific_impulse=impulse)
     if folder:

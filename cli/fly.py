@@ -9,7 +9,7 @@ import typer
 
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings, workers_of
-from cli.output import echo, print_json, print_table
+from cli.output import echo, note, print_json, print_table
 from cli.plan_table import SIGNED, closest_cells, orbit_in_words
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
@@ -148,9 +148,9 @@ def _fly_trials(
         print_json({**about, "loops": told, "requirements": required})
         return
     print_trials(loops, problem.collision_radius, settings.size)
-    echo(*([] if planner is None else _kept(plan.requirements)))
+    note(*([] if planner is None else _kept(plan.requirements)))
     if errors.lost > 0:
-        echo(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
+        note(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
 
 
@@ -210,11 +210,11 @@ def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
     of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
     said = orbit_in_words(of)
-    echo(said[0].upper() + said[1:])
+    note(said[0].upper() + said[1:])
     near = [k for k, row in enumerate(rows) if _is_near(row, safe)]
     print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
-    echo(*[SIGNED] * ("clearance" in report))
-    echo(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
+    note(*[SIGNED] * ("clearance" in report))
+    note(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
 
 
 def _is_near(row: Mapping[str, Any], radius: float) -> bool:
@@ -316,7 +316,8 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
         values = [getattr(one, name) for one in summaries]
         if any(value is not None for value in values):
             lines.append([label, *(MISSING if v is None else text(v) for v in values)])
-    print_table([f"{summaries[0].trials} trials", *(one.loop for one in summaries)], lines)
+    count = summaries[0].trials
+    print_table([f"{count} trial{'s' * (count != 1)}", *(one.loop for one in summaries)], lines)
 
 
 QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (

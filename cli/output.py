@@ -33,6 +33,13 @@ def echo(*lines: object, err: bool = False) -> None:
         typer.echo(visible(str(line)), err=err)
 
 
+def note(*lines: object) -> None:
+    """Print lines for people: on a terminal wrapped at its width, elsewhere each as one line."""
+    console = Console()
+    for line in lines:
+        console.print(plain_text(line)) if console.is_terminal else echo(line)
+
+
 def plain_text(text: object, style: str = "") -> Text:
     """A text as rich shows it: no markup is in it, and what cannot be seen is an escape."""
     return Text(visible(str(text)), style)

@@ -11,13 +11,13 @@ import typer
 
 from cli.app import explained_interrupt, refuse_overwriting, within_memory
 from cli.options import refuse, with_settings
-from cli.output import echo, print_json, print_table, stdout_for_document, stdout_free
+from cli.output import echo, note, print_json, print_table, stdout_for_document, stdout_free
 from cli.plan_table import HEADINGS, is_unsolved, plan_cells, planner_cell, print_plans
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, flag, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, number
-from pipeline.files import STDIO, stem_of
+from pipeline.files import STDIO, refuse_special, stem_of
 
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
@@ -118,6 +118,7 @@ def plan(
 
     if not world:
         refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
+    refuse_special(out)
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         refuse_overwriting(path, target)
@@ -172,7 +173,8 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     if len(set(names)) < len(names):
         raise InputError("two scenario files have the same name; expected different names.")
     if out.is_file():
-        raise InputError(f"--out is the file {out}; expected a folder for several plans.")
+        wanted = "a folder for several plans" if names[1:] else "a folder, or a name with .json"
+        raise InputError(f"--out is the file {out}; expected {wanted}.")
     return [out / name for name in names]
 
 
@@ -244,9 +246,9 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
             echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
     bent = [row for row in rows if row["knee"]]
     for row in bent:
-        echo(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
+        note(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
     if not bent:
-        echo(
+        note(
             "There is no knee: too few plans are safe, or more time saves about as much everywhere."
         )
     echo(f"Plans, tradeoff.csv and the figure are in {folder}/.")

@@ -6,7 +6,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from cli.output import echo, print_table
+from cli.output import echo, note, print_table
 from pipeline.figures.labels import MISSING, number
 
 Row = Mapping[str, Any]
@@ -62,11 +62,10 @@ def print_plans(rows: Sequence[Row]) -> None:
     for row in rows:
         for sentence in _remarks(row):
             echo(f"{row['scenario']}: {sentence}")
-    for sentence in _legend(rows):
-        echo(sentence)
+    note(*_legend(rows))
     worlds = {orbit_in_words(row["world"]) for row in rows if row["world"]}
     if worlds:
-        echo(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
+        note(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
     one = len(rows) == 1
     where = Path(rows[0]["plan"])
     if str(where) != "-":
@@ -75,6 +74,9 @@ def print_plans(rows: Sequence[Row]) -> None:
 
 def _legend(rows: Sequence[Row]) -> Iterator[str]:
     """What columns mean that only some plans have."""
+    if risks := [row["risk"] for row in rows if row["risk"]]:
+        added = " + what corrections add" if any(one["feedback"] for one in risks) else ""
+        yield f"safety costs: fuel that keeping the risk adds to the plan without it{added}."
     if assigned := [row["assignment"] for row in rows if row["assignment"]]:
         most = max(one["tried"] for one in assigned)
         yield (
@@ -199,8 +201,8 @@ def _remarks(row: Row) -> list[str]:
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(
-            "in the given order some craft cannot reach its goal within its limits of "
-            "thrust, which is proven."
+            "in the given order some craft cannot reach its goal within its limits, which is "
+            "proven."
         )
     if row["model_error"] > row["collision_radius"]:
         said.append(

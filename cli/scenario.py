@@ -26,6 +26,7 @@ from cli.settings import (
     option,
 )
 from pipeline.errors import InputError
+from pipeline.files import refuse_special
 
 if TYPE_CHECKING:
     from pipeline.scenario import Diagnostic, Scenario
@@ -114,11 +115,13 @@ def new(
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
+    refuse_special(scenario)
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     asked, content = problem.problem(), asdict(problem)
     if files != InertialFiles():
-        refuse(context, NOT_INERTIAL, "with inertial states, which have an orbit; leave it out.")
+        why = "with inertial states, which have craft and an orbit of their own; leave it out."
+        refuse(context, NOT_INERTIAL, why)
         made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         content = {**document_of(made), **thrust.fields(made.n)}
         _told(scenario, write_by_hand(scenario, content))

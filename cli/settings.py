@@ -304,7 +304,7 @@ class InertialFiles:
                 "--initial or --goal is missing; expected both where one of these, --chief or "
                 "--drag is given."
             )
-        _refuse_spread_alone(self)
+        _check_drag(self)
         try:
             first = None if epoch is None else utc(epoch)
         except ValueError as error:
@@ -321,11 +321,14 @@ class InertialFiles:
         )
 
 
-def _refuse_spread_alone(drag: "InertialFiles | FlightConditions") -> None:
+def _check_drag(drag: "InertialFiles | FlightConditions") -> None:
+    from pipeline.orbit.reference_orbit import check_drag
+
     if drag.spread is not None and drag.ballistic is None:
         raise InputError(
             f"--drag-spread is {drag.spread:g} without --drag; expected both: add --drag 0.01."
         )
+    check_drag(drag.ballistic, drag.spread or 0.0, ("--drag", "--drag-spread"))
 
 
 ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")  # of an orbit's place
@@ -469,7 +472,7 @@ class FlightConditions:
         """Conditions by these options, else by the scenario's reference orbit."""
         from pipeline.flight.conditions import conditions_of
 
-        _refuse_spread_alone(self)
+        _check_drag(self)
         given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}
         return replace(conditions_of(scenario), **given, j2=not self.no_j2)
 

@@ -36,21 +36,48 @@ def make_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
+def _named(name: object) -> Iterator[None]:
+    """In the block an OSError that names no file, as of a full disk, names this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(name)
+        raise
+
+
+def refuse_special(path: Path) -> None:
+    """Raise InputError for a pipe, a socket or a device, which no file may take the place of."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            f"{path} is a pipe, a socket or a device; expected the name of a file, or, where the "
+            "command has it, standard output: give --out -."
+        )
+
+
+@contextlib.contextmanager
 def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
-    InputError where it is a folder, or what should be its folder is a file.
+    Of a symbolic link the file that it names is replaced. InputError where it is a folder, a pipe
+    or a device, or what should be its folder is a file.
     """
+    refuse_special(path)
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
+        if path.is_symlink():
+            raise InputError(f"{path} is a link that leads to itself; expected the name of a file.")
     make_folder(path.parent)
     if path.is_dir():
         raise InputError(f"{path} is a folder; expected the name of a file.")
     # Named here and made in the block: a file made before it would outlive an interrupt between.
     temporary = path.parent / f".{path.name}.{uuid4().hex}.tmp"
     try:
-        yield temporary
-        temporary.chmod(0o644)
-        _flush(temporary)
+        with _named(path):
+            yield temporary
+            temporary.chmod(0o644)
+            _flush(temporary)
         temporary.replace(path)
         _flush(path.parent)
     finally:
@@ -73,12 +100,13 @@ def read_bytes(path: Path, most: int) -> bytes:
 def write_text(path: Path, text: str) -> None:
     """Write a text file that appears whole, or to standard output; both are in UTF-8."""
     if path == STDIO:
-        sys.stdout.flush()
-        if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, which is for people
-            sys.stdout.buffer.write(text.encode())
-        else:
-            sys.stdout.write(text)
-        sys.stdout.flush()
+        with _named("stdout"):
+            sys.stdout.flush()
+            if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, for people
+                sys.stdout.buffer.write(text.encode())
+            else:
+                sys.stdout.write(text)
+            sys.stdout.flush()
         return
     with published(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -29,10 +29,17 @@ def check_elements(of: Any) -> None:
     check_range("inclination_deg", of.inclination_deg, 0.0, 180.0)
     for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
         check_range(angle, getattr(of, angle), -360.0, 360.0)
-    check_range("spread", of.spread, 0.0, 1.0)
-    if of.ballistic is not None and not 0 < of.ballistic <= MOST_BALLISTIC:
+    check_drag(of.ballistic, of.spread)
+
+
+def check_drag(
+    ballistic: float | None, spread: float, names: tuple[str, str] = ("ballistic", "spread")
+) -> None:
+    """Refuse drag out of range; ``names`` are what the person who gives it calls the two."""
+    check_range(names[1], spread, 0.0, 1.0)
+    if ballistic is not None and not 0 < ballistic <= MOST_BALLISTIC:
         raise InputError(
-            f"ballistic is {of.ballistic:g}; expected a positive C_D A/m in m²/kg, such as 0.01, "
+            f"{names[0]} is {ballistic:g}; expected a positive C_D A/m in m²/kg, such as 0.01, "
             f"of at most {MOST_BALLISTIC:g}."
         )
 

@@ -222,7 +222,8 @@ def check_states(plan: Plan) -> None:
     start = (plan.states[:, 0] - initial)[:, :3]
     off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
     if not off <= POSITION_TOLERANCE:
+        over = "" if plan.as_flown else " over one interval"
         raise InputError(
-            f"the plan's states are up to {off:.3g} m off those that its controls lead to; "
-            "expected a plan as it was made: plan again."
+            f"the plan's states are up to {off:.3g} m off those that its controls lead to"
+            f"{over}; expected a plan as it was made: plan again."
         )

@@ -216,6 +216,10 @@ def _corrected(
     if (risk := plan.certificate.risk) is not None and (made_for := linear.certificate.risk):
         risk = replace(risk, sigmas=made_for.sigmas, fuel_without=made_for.fuel_without)
         plan = replace(plan, certificate=replace(plan.certificate, risk=risk))
+    burn, made_with = plan.certificate.smallest_burn, linear.certificate.smallest_burn
+    if burn is not None and made_with is not None:
+        burn = replace(burn, fuel_without=made_with.fuel_without)
+        plan = replace(plan, certificate=replace(plan.certificate, smallest_burn=burn))
     if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
         return plan
     why = f"about this orbit the plan is {linear.status}: {linear.message}"

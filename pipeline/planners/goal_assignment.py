@@ -150,7 +150,7 @@ class _Candidates:
         plan = replace(tried[slots], timing=timing, convex_solves=solves)
         if self.cheapest is None:
             plain = self.scenario.limits is None
-            limits = "max_acceleration" if plain else "its limits of thrust"
+            limits = "max_acceleration" if plain else "its limits of thrust and delta_v"
             way = " by its waypoints" if self.scenario.waypoints else ""
             return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(way, limits))
         if self.first is None:

@@ -228,16 +228,20 @@ class CorridorDocument(BaseModel):
 
     model_config = strict(one_of(box="object", cone="object"))
 
-    craft: tuple[Whole, ...] = Field((), description="Their numbers; all where none is given.")
+    craft: tuple[Whole, ...] | None = Field(
+        None, description="Their numbers; null for all.", json_schema_extra={"minItems": 1}
+    )
     begin: Number = Field(alias="from", description="From when on, s since the first node.")
     end: Number = Field(alias="to", description="Until when, s since the first node.")
     box: BoxDocument | None = Field(None, description="A box along the axes.")
     cone: ConeDocument | None = Field(None, description="Instead: an approach cone.")
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> "CorridorDocument":
+    def _definite(self) -> "CorridorDocument":
         if (self.box is None) == (self.cone is None):
             raise ValueError("give one of box and cone")
+        if self.craft == ():
+            raise ValueError("craft is empty; name some, or leave the field out for all")
         return self
 
     @classmethod
@@ -251,9 +255,9 @@ class CorridorDocument(BaseModel):
     def corridor(self) -> Corridor:
         """The corridor."""
         given = self.box or self.cone
-        assert given is not None  # by ``_one_of_both``
+        assert given is not None  # by ``_definite``
         kind = Box if self.box else Cone
-        return Corridor(kind(**given.model_dump()), self.begin, self.end, self.craft)
+        return Corridor(kind(**given.model_dump()), self.begin, self.end, self.craft or ())
 
 
 class WaypointDocument(BaseModel):

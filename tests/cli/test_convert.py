@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 
@@ -101,14 +102,52 @@ def test_what_is_there_already_and_of_the_other_kind_is_left_alone(prolearn, pla
     (tmp_path / "taken").write_text("mine")
     done = prolearn("convert", "p.json", "--to", "oem", "--out", "taken")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "taken is a file; expected a folder for oem" in done.stderr
     assert (tmp_path / "taken").read_text() == "mine"
     (tmp_path / "folder").mkdir()
     done = prolearn("convert", "p.json", "--to", "csv", "--out", "folder")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "folder is a folder; expected a file for csv" in done.stderr
     before = (tmp_path / "p.json").read_bytes()
     done = prolearn("convert", "p.json", "--to", "csv", "--out", "p.json")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert (tmp_path / "p.json").read_bytes() == before
+
+
+def test_of_a_link_the_file_that_it_names_is_replaced(prolearn, planned, tmp_path):
+    planned()
+    (tmp_path / "real.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("real.csv")
+    assert prolearn("convert", "p.json", "--to", "csv", "--out", "link.csv").returncode == 0
+    assert (tmp_path / "link.csv").readlink().name == "real.csv"
+    assert len((tmp_path / "real.csv").read_text().splitlines()) == 1 + 11 * 11
+
+
+def test_a_link_that_leads_to_itself_is_refused(prolearn, planned, tmp_path):
+    planned()
+    (tmp_path / "link.csv").symlink_to("link.csv")
+    done = prolearn("convert", "p.json", "--to", "csv", "--out", "link.csv")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "link.csv is a link that leads to itself; expected the name of a file" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("convert", "p.json", "--to", "csv", "--out", "pipe"),
+        ("show", "p.json", "--out", "pipe"),
+        ("plan", "s.json", "--out", "pipe"),
+        ("scenario", "new", "pipe", "--force"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_no_file_takes_the_place_of_a_pipe(prolearn, planned, tmp_path, command):
+    planned()
+    os.mkfifo(tmp_path / "pipe")
+    done = prolearn(*command)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "pipe is a pipe, a socket or a device; expected" in done.stderr
+    assert (tmp_path / "pipe").is_fifo()
 
 
 def test_a_plan_without_its_scenario_is_refused_in_a_sentence(prolearn, planned, tmp_path):

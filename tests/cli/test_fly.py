@@ -90,9 +90,9 @@ def test_a_craft_alone_is_safe(prolearn, tmp_path):
         (("--eccentricity", "0.9"), "eccentricity is 0.9; expected a number from 0 to 0.85"),
         (("--eccentricity", "-0.001"), "eccentricity is -0.001"),
         (("--inclination", "nan"), "inclination_deg is nan"),
-        (("--drag", "-1"), "ballistic is -1; expected a positive C_D A/m"),
+        (("--drag", "-1"), "prolearn: --drag is -1; expected a positive C_D A/m"),
         (("--drag-spread", "0.2"), "--drag-spread is 0.2 without --drag"),
-        (("--drag", "0.01", "--drag-spread", "2"), "spread is 2; expected"),
+        (("--drag", "0.01", "--drag-spread", "2"), "prolearn: --drag-spread is 2; expected"),
     ],
     ids=" ".join,
 )

@@ -92,6 +92,12 @@ def test_without_errors_in_the_linear_world_the_table_has_the_plans_own_numbers(
     assert "here/" in done.stdout
 
 
+def test_of_one_trial_the_table_says_so(prolearn, plan):
+    done = prolearn("fly", "plan.json", "--trials", "1", "--jobs", "1", "--world", "linear")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("1 trial ")
+
+
 def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(prolearn, plan, tmp_path):
     few = ("fly", "plan.json", "--trials", "3", "--jobs", "1", "--errors", "none")
     assert prolearn(*few, "--out", "a").returncode == 0

@@ -110,6 +110,14 @@ def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
     assert f" {gap:.2%} " in row_of("s", done.stdout)
 
 
+def test_a_file_without_a_suffix_is_no_name_of_a_plan(prolearn, tmp_path):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
+    (tmp_path / "taken").write_text("mine")
+    done = prolearn("plan", "s.json", "--out", "taken")
+    said = "prolearn: --out is the file taken; expected a folder, or a name with .json.\n"
+    assert (done.returncode, done.stderr) == (2, said)
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -380,10 +388,14 @@ def test_on_a_terminal_of_80_columns_those_without_room_follow_in_a_table_below(
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
     risk = ("--risk", "0.01", "--errors", "cold-gas", "--closed-loop", "--passive-safety", "0.5")
     asked = ("plan", "s.json", "--out", "p.json", *risk, "--assignment", "optimal")
-    (whole,) = [line.split() for line in prolearn(*asked).stdout.splitlines() if line[:2] == "s "]
-    lines = on_a_terminal(forked, asked, tmp_path).splitlines()
+    elsewhere = prolearn(*asked).stdout.splitlines()
+    (whole,) = [line.split() for line in elsewhere if line[:2] == "s "]
+    lines = [line.rstrip() for line in on_a_terminal(forked, asked, tmp_path).splitlines()]
+    assert max(map(len, lines)) <= 80
+    notes = [line for line in elsewhere if line.startswith(("saved: ", "adrift from: ", "safety"))]
+    assert len(notes) == 3 and max(map(len, notes)) > 80
+    assert all(note in " ".join(lines) for note in notes)
     first, second = [line for line in lines if line[:2] == "s "]
-    assert max(len(first.rstrip()), len(second.rstrip())) <= 80
     shown = [*first.split(), *second.split()[1:]]
     time = 8  # that it took, which differs
     assert [*shown[:time], *shown[time + 1 :]] == [*whole[:time], *whole[time + 1 :]]

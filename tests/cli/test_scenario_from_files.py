@@ -80,6 +80,7 @@ def test_what_does_not_go_together_is_refused_in_a_sentence(prolearn, handed_ove
         ((*both, "--altitude", "5e5"), "--altitude is given with inertial states"),
         ((*both, "--eccentricity", "0.1"), "--eccentricity is given with inertial states"),
         ((*both, "--seed", "1"), "--seed is given with inertial states"),
+        ((*both, "--n", "5"), "--n is given with inertial states, which have craft and an orbit"),
         ((*both, "--from", "craft=1,size=9"), "--from is given with inertial states"),
         ((*both, "--drag-spread", "0.1"), "--drag-spread is 0.1 without --drag"),
         ((*both, "--epoch", "noon"), "--epoch is 'noon': give date, time and zone"),

@@ -4,10 +4,14 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from forked import LEAD
+
+FULL = Path("/dev/full")  # written to alone, which leaves it as it is
 
 
 def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
@@ -45,6 +49,21 @@ def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn,
     done = prolearn(*arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert words in done.stderr
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+@pytest.mark.parametrize("options", [("--json",), ()])
+def test_a_full_disk_behind_stdout_is_named(prolearn, tmp_path, options):
+    """Of a document, and of a table."""
+    prolearn("scenario", "new", "s.json", "--n", "2")
+    code = "from cli.main import app; app()"  # a process whose end is its own
+    command = [sys.executable, "-c", code, "plan", "s.json", "--out", "p.json", *options]
+    with FULL.open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    said = "prolearn: stdout cannot be read or written (No space left on device); expected one that"
+    assert done.returncode == 1
+    assert done.stderr.startswith(said)
+    assert done.stderr.count("\n") == 1
 
 
 def test_where_stdout_is_not_in_utf_8_people_read_on_and_documents_are_as_in_files(

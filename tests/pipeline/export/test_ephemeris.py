@@ -144,6 +144,6 @@ def test_what_cannot_be_handed_over_is_refused(tmp_path):
     with pytest.raises(InputError, match='"reference"'):
         write_ephemerides(plan, tmp_path, "p")
     plan = replace(plan, scenario=replace(scenario, reference=WHERE))
-    with pytest.raises(InputError, match=r"off those that its controls lead to"):
+    with pytest.raises(InputError, match=r"off those that its controls lead to over one interval;"):
         write_ephemerides(replace(plan, states=plan.states * 1.001), tmp_path, "p")
     assert list(tmp_path.iterdir()) == []

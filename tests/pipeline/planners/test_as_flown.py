@@ -20,6 +20,7 @@ from pipeline.orbit.approaches import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import Thrust
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Requirements, RiskLimit, recheck
 from pipeline.planners.as_flown import LIMIT_SHARE, AsFlown
 from pipeline.planners.classical import Expert
@@ -334,6 +335,15 @@ def test_a_risk_is_kept_in_the_flight(asked, closed_loop):
     assert upper >= claim.bound / 3
     assert recheck(plan).safe
     assert not recheck(plan).faults
+
+
+def test_what_an_impulse_bit_costs_is_told_of_the_flight_too():
+    scenario = swarm("rings", 0.01, n=2)
+    scenario = replace(scenario, problem=replace(scenario.problem, thrust=Thrust(min_delta_v=0.02)))
+    (linear,), (plan,) = Expert().plan([scenario]), AsFlown(Expert()).plan([scenario])
+    assert plan.status == SOLVED
+    burn = plan.certificate.smallest_burn
+    assert burn.fuel_without == linear.certificate.smallest_burn.fuel_without > 0
 
 
 @pytest.mark.parametrize("e", [0.01, 0.5])

@@ -1,6 +1,6 @@
 """GoalAssignment craft: the plan is sound, its bound holds for every order, and it says so."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import permutations
 
 import numpy as np
@@ -17,6 +17,7 @@ from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, draw
+from pipeline.scenario.spacecraft import Spacecraft
 
 
 def valid(family, n, index, problem=None):
@@ -117,6 +118,10 @@ def test_where_no_order_can_be_flown_that_is_said():
     (plan,) = GoalAssignment(Expert()).plan([scenario])
     assert plan.status == INFEASIBLE and plan.assignment is None
     assert "max_acceleration" in plan.message
+    scenario = replace(valid("rings", 4, 0), craft=(Spacecraft(delta_v=1e-6),) * 4)
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    assert plan.status == INFEASIBLE
+    assert "cannot reach its own within its limits of thrust and delta_v" in plan.message
 
 
 def test_goals_in_the_best_order_already_stay_where_they_are():

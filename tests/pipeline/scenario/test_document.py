@@ -136,6 +136,12 @@ def test_states_that_are_not_finite_are_refused():
             '"size": "200"',
             r"rings\[0\]\.size is '200': input should be a valid number",
         ),
+        (
+            '"nodes": 9',
+            '"nodes": 9, "corridors": [{"craft": [], "from": 0, "to": 9, "box": {"min": [0, 0, 0], '
+            '"max": [1, 1, 1]}}]',
+            r"corridors\[0\]: craft is empty; name some, or leave the field out for all",
+        ),
     ],
 )
 def test_what_is_nearly_right_is_refused_with_what_was_meant(tmp_path, before, after, words):

@@ -14,6 +14,7 @@ from pipeline.plan.document import plan_document
 from pipeline.scenario import draw
 from pipeline.scenario.document import json_schema, read_scenario, write_scenario
 
+BOX = {"min": [-9e3, -9e3, -9e3], "max": [9e3, 9e3, 9e3]}
 FOLDER = Path(__file__).parents[3] / "docs" / "schema"
 
 
@@ -82,6 +83,10 @@ CHANGES = [
             }
         ]
     },
+    *(
+        {"corridors": [{"from": 0, "to": 9, "craft": craft, "box": BOX}]}
+        for craft in ([], [0, 2], None)
+    ),
     {"craft": [{"radius": 0}, {}, {}]},
     {"colour": "red"},
     {"reference": {"epoch": "2026-03-01T12:00:00Z"}},
