@@ -1,5 +1,6 @@
 """How commands run: errors and signals as a sentence and an exit status, memory within limits."""
 
+import os
 import re
 import signal
 import sys
@@ -110,7 +111,9 @@ def _in_words(error: Exception) -> str:
     """What an error says; a file is named as the person knows it, and not our temporary one."""
     if not (isinstance(error, OSError) and error.strerror):
         return str(error)
-    name = "stdout" if error.errno == ENOSPC and error.filename is None else error.filename
+    # Other libraries that name no file have sentences of their own.
+    full = error.filename is None and error.strerror == os.strerror(ENOSPC)
+    name = "stdout" if full else error.filename
     if not isinstance(name, str):
         return str(error)
     path = Path(name)

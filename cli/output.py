@@ -37,7 +37,10 @@ def note(*lines: object) -> None:
     """Print lines for people: on a terminal wrapped at its width, elsewhere each as one line."""
     console = Console()
     for line in lines:
-        console.print(plain_text(line)) if console.is_terminal else echo(line)
+        if console.is_terminal:
+            console.print(plain_text(line))
+        else:
+            echo(line)
 
 
 def plain_text(text: object, style: str = "") -> Text:
