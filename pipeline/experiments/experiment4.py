@@ -11,7 +11,7 @@ from pipeline.experiments import averages, verdicts
 from pipeline.experiments.averages import SHOWN, Panel
 from pipeline.experiments.records import NODES, PREDICTED, TIME_STEP, VARIED
 from pipeline.experiments.verdicts import Finding, Measured, measured
-from pipeline.figures.labels import REFINERS, is_network, percents, ratio, ratios, share
+from pipeline.figures.labels import REFINERS, is_network, percents, ratio_within, share
 from pipeline.figures.style import PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
 
@@ -143,8 +143,6 @@ def _by_time(rows: pd.DataFrame) -> dict[str, Measured]:
 
 def _worst(at: Mapping[str, Measured]) -> str:
     least, dearest = min(at, key=lambda t: at[t].safe), max(at, key=lambda t: at[t].fuel)
-    low, high = percents(*at[least].safe_interval), ratios(*at[dearest].fuel_interval)
-    return (
-        f"at worst safe in {share(at[least].safe)} {low} ({least}) and at "
-        f"{ratio(at[dearest].fuel)} {high} of the bound ({dearest})"
-    )
+    safe = f"{share(at[least].safe)} {percents(*at[least].safe_interval)}"
+    fuel = ratio_within(at[dearest].fuel, at[dearest].fuel_interval)
+    return f"at worst safe in {safe} ({least}) and at {fuel} of the bound ({dearest})"

@@ -60,6 +60,11 @@ def ratios(low: float, high: float) -> str:
     return f"[{ratio(low)}, {ratio(high)}]"
 
 
+def ratio_within(value: float, interval: tuple[float, float]) -> str:
+    """A ratio with its interval, where that exists."""
+    return ratio(value) if math.isnan(interval[0]) else f"{ratio(value)} {ratios(*interval)}"
+
+
 def span(values: Iterable[float]) -> str:
     """The least and the greatest of some numbers."""
     low, high = min(values := list(values)), max(values)
