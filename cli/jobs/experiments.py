@@ -49,6 +49,9 @@ FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
 
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 
+WEIGHTS_DIGITS = 16
+"""Hexadecimal digits of a model's digest in a run's parameters: MLflow takes 6000 characters."""
+
 SHORTEST = 4
 """Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""
 
@@ -78,16 +81,17 @@ class HeldOut:
         ``make`` makes the table, a row for each trial, keeps its parts, and writes files to a
         folder. ``kind`` names settings that tell kinds of the experiment's runs apart.
         """
+        weights = [network.model.digest for network in self.networks]
         params = {
             **vars(self.settings),
             "dataset_digest": self.digest,
             "trials": max(map(len, self.scenarios.values())),
             "models": listed(network.version.uri for network in self.networks),
+            "weights": ",".join(digest[:WEIGHTS_DIGITS] for digest in weights),
             **params,
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        weights = [network.model.digest for network in self.networks]
         decided_by = {"params": params, "networks": weights}
         with (
             unfinished_parts(experiment, decided_by, resume=resume, progress=progress) as kept,
