@@ -16,7 +16,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_scenarios
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.example_transfer import example_transfer, write_example
-from pipeline.experiments.flights import run_flights
+from pipeline.experiments.flights import check_flights, run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.parts import FinishedParts
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
@@ -241,6 +241,7 @@ def flights(
 
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
+    check_flights(settings.flights, settings.seed)
     ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
