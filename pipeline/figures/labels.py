@@ -71,6 +71,20 @@ def span(values: Iterable[float]) -> str:
     return number(low) if low == high else f"{number(low)} to {number(high)}"
 
 
+def told_apart(values: Iterable[float], least: int) -> dict[float, str]:
+    """Each number's text, all by as many significant digits as tell them apart, or the least.
+
+    >>> told_apart([60.0, 60.00001], 6)
+    {60.0: '60', 60.00001: '60.00001'}
+    """
+    known, texts = set(values), dict[float, str]()
+    for digits in range(least, 18):
+        texts = {value: f"{value:.{digits}g}" for value in known}
+        if len(set(texts.values())) == len(known):
+            break
+    return texts
+
+
 def error(metres: float) -> str:
     """An error in m; rounding of the arithmetic shows as such."""
     return "< 1e-6" if metres < NEGLIGIBLE else number(metres)
