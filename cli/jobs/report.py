@@ -17,6 +17,7 @@ from pipeline.markup import formatted
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
+from pipeline.storage import MANIFEST
 from registry.environment import versions_of
 from registry.models import ModelVersion, list_versions
 from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable_file
@@ -65,6 +66,8 @@ class Found:
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
     """Write the report of an evaluation, by default the newest; InputError without a sound one."""
+    if (out / MANIFEST).exists():
+        raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
     run = evaluation(run_id)
     first = Found(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
