@@ -25,6 +25,8 @@ CHAMPION = "champion"
 CONTEST = "contest"
 """Tag of a version that says how its comparison with the champion ended, once it was made."""
 
+WEIGHTS = "weights"  # tag of a version with its model's digest
+
 FORMS = "ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI"
 
 NETWORK_PATH = "data/network"  # where the network's folder lies inside a logged model
@@ -59,6 +61,7 @@ class ModelVersion:
     metrics: Mapping[str, float]  # latest values of the run, evaluations included
     tags: Mapping[str, str]  # of the run, such as the versions of what it was made with
     contest: str = ""  # how the comparison with the champion ended; empty where none was made
+    weights: str = ""  # digest of the model; empty where an earlier version registered it
 
     def __post_init__(self) -> None:
         """Refuse a training run whose seed or swarm size is no number."""
@@ -248,6 +251,7 @@ def _described(found: Any, run: Any) -> ModelVersion:
         metrics=dict(run.data.metrics) if run else {},
         tags=own_tags(run.data.tags) if run else {},
         contest=tags.get(CONTEST, ""),
+        weights=tags.get(WEIGHTS, ""),
     )
 
 

@@ -5,7 +5,7 @@ import json
 import platform
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -130,10 +130,14 @@ def earlier_run(
         return None
 
 
-def latest(experiment: str, having: Mapping[str, str] | None = None) -> Run | None:
-    """The newest finished run of an experiment with some parameters, or None."""
+def latest(
+    experiment: str,
+    having: Mapping[str, str] | None = None,
+    fits: Callable[[Run], bool] = lambda _: True,
+) -> Run | None:
+    """The newest finished run of an experiment with some parameters that fits, or None."""
     with opened(create=False) as store:
-        return next(_finished(store, experiment, having), None)
+        return next(filter(fits, _finished(store, experiment, having)), None)
 
 
 def evaluation(run_id: str | None = None) -> Run:

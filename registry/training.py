@@ -158,6 +158,7 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> models.Mode
                 model_id = _log_model(folder, model)
             store.client.log_batch(run_id, metrics=entities.metrics_of(record.metrics, model_id))
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
+            tags[models.WEIGHTS] = model.digest
             number = _new_version(store, models.PREFIX + arch, run_id, model_id, tags)
         aliases = store.client.get_registered_model(models.PREFIX + arch).aliases
         if models.CHAMPION not in aliases:

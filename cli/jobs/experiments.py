@@ -16,7 +16,7 @@ from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_scenarios
 from pipeline.errors import InputError, check_choice
 from pipeline.experiments.example_transfer import example_transfer, write_example
-from pipeline.experiments.flights import run_flights
+from pipeline.experiments.flights import check_flights, run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
 from pipeline.experiments.parts import FinishedParts
 from pipeline.experiments.records import NODES, OPTIMIZERS, TIME_STEP
@@ -49,6 +49,9 @@ FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
 
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 
+WEIGHTS_DIGITS = 16
+"""Hexadecimal digits of a model's digest in a run's parameters: MLflow takes 6000 characters."""
+
 SHORTEST = 4
 """Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""
 
@@ -78,16 +81,17 @@ class HeldOut:
         ``make`` makes the table, a row for each trial, keeps its parts, and writes files to a
         folder. ``kind`` names settings that tell kinds of the experiment's runs apart.
         """
+        weights = [network.model.digest for network in self.networks]
         params = {
             **vars(self.settings),
             "dataset_digest": self.digest,
             "trials": max(map(len, self.scenarios.values())),
             "models": listed(network.version.uri for network in self.networks),
+            "weights": ",".join(digest[:WEIGHTS_DIGITS] for digest in weights),
             **params,
         }
         if resume and (earlier := earlier_run(experiment, params, kind, progress)):
             return Done(earlier, earlier=True)
-        weights = [network.model.digest for network in self.networks]
         decided_by = {"params": params, "networks": weights}
         with (
             unfinished_parts(experiment, decided_by, resume=resume, progress=progress) as kept,
@@ -237,6 +241,7 @@ def flights(
 
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
+    check_flights(settings.flights, settings.seed)
     ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = ground.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:

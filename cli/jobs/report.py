@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +17,7 @@ from pipeline.markup import formatted
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
+from pipeline.storage import MANIFEST
 from registry.environment import versions_of
 from registry.models import ModelVersion, list_versions
 from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable_file
@@ -64,6 +66,8 @@ class Found:
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
     """Write the report of an evaluation, by default the newest; InputError without a sound one."""
+    if (out / MANIFEST).exists():
+        raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
     run = evaluation(run_id)
     first = Found(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
@@ -94,7 +98,7 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
     found, notes = {}, []
     for name, part in PARTS.items():
         same = {name: first.params.get(name, "") for name in part.same}
-        run = latest(part.experiment, {**same, **part.having})
+        run = latest(part.experiment, {**same, **part.having}, partial(_alike, first))
         if run:
             try:
                 # Other parts have the evaluation's models.
@@ -104,7 +108,7 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
                 notes.append(f"{name} is left out: {error}")
         elif other := latest(part.experiment, part.having):
             others, options = "other data", "--data"
-            if part.same == SAME:
+            if part.same == SAME or not _alike(first, other):
                 others, options = "other models or other data", "--data and --models"
             text = (
                 "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; `{}` "
@@ -119,9 +123,23 @@ def _model_names(run: Run) -> list[str]:
     return [name for name in run.params.get("models", "").split(",") if name]
 
 
+def _weights(run: Run) -> dict[str, str]:
+    """The beginning of each model's digest, by URI; empty for a run of an earlier version."""
+    digests = filter(None, run.params.get("weights", "").split(","))
+    return dict(zip(_model_names(run), digests, strict=False))
+
+
+def _alike(first: Run, other: Run) -> bool:
+    """Whether no URI is that of two models, as after one was deleted and another trained."""
+    known = _weights(first)
+    return all(known.get(uri, digest) == digest for uri, digest in _weights(other).items())
+
+
 def _models_of(run: Run) -> list[ModelVersion]:
-    wanted = _model_names(run)
-    return [version for version in list_versions() if version.uri in wanted]
+    """The run's own models that are still registered."""
+    wanted, known = _model_names(run), _weights(run)
+    versions = [version for version in list_versions() if version.uri in wanted]
+    return [v for v in versions if not v.weights or v.weights.startswith(known.get(v.uri, ""))]
 
 
 def _without_faulty(

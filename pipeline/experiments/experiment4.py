@@ -11,7 +11,8 @@ from pipeline.experiments import averages, verdicts
 from pipeline.experiments.averages import SHOWN, Panel
 from pipeline.experiments.records import NODES, PREDICTED, TIME_STEP, VARIED
 from pipeline.experiments.verdicts import Finding, Measured, measured
-from pipeline.figures.labels import REFINERS, is_network, percents, ratio, ratios, share
+from pipeline.figures import labels
+from pipeline.figures.labels import REFINERS, is_network, percents, ratio_within, share
 from pipeline.figures.style import PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
 
@@ -22,8 +23,12 @@ def summarize_times(times: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_minutes(times: pd.DataFrame) -> pd.DataFrame:
-    """Trials with their transfer times in minutes."""
-    return times.assign(minutes=((times["nodes"] - 1) * times["time_step"] / 60).round(6))
+    """Trials with their transfer times in minutes, without what rounding adds."""
+    return times.assign(minutes=_minutes(times).round(6))
+
+
+def _minutes(times: pd.DataFrame) -> "pd.Series[float]":
+    return (times["nodes"] - 1) * times["time_step"] / 60
 
 
 def trained_on(times: pd.DataFrame) -> tuple[int, float]:
@@ -64,7 +69,8 @@ def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 def times_tables(summary: pd.DataFrame) -> dict[str, Table]:
     """Collisions, share of safe trials and fuel: a column for each of a few transfer times."""
-    rows = summary.assign(grid=[_title(row) for _, row in summary.iterrows()])
+    steps = labels.told_apart(summary["time_step"], 6)
+    rows = summary.assign(grid=[_title(row, steps) for _, row in summary.iterrows()])
     printed: list[str] = []
     for varied in VARIED:
         mine = rows[rows["varied"] == varied].sort_values("minutes", kind="stable")
@@ -73,8 +79,9 @@ def times_tables(summary: pd.DataFrame) -> dict[str, Table]:
     return averages.tables_against(rows, "experiment4", "grid", {title: title for title in printed})
 
 
-def _title(row: "pd.Series[Any]") -> str:
-    grid = f"T = {row['nodes']}" if row["varied"] == NODES else f"Δt = {row['time_step']:g} s"
+def _title(row: "pd.Series[Any]", steps: Mapping[float, str]) -> str:
+    step = steps[row["time_step"]]
+    grid = f"T = {row['nodes']}" if row["varied"] == NODES else f"Δt = {step} s"
     return f"{row['minutes']:.3g} min, {grid}"
 
 
@@ -110,7 +117,8 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     """Whether each group of networks that took part is safe and cheap at other T, at other Δt."""
     if times.empty:
         return []
-    trials = averages.prepared(with_minutes(times[times["reading"] != PREDICTED]))
+    trials = averages.prepared(times[times["reading"] != PREDICTED])
+    trials = trials.assign(minutes=_minutes(trials))
     nodes, time_step = trained_on(times)
     found = []
     for varied, called in zip(VARIED, ("nodes T", "time steps Δt"), strict=True):
@@ -138,13 +146,12 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
 
 
 def _by_time(rows: pd.DataFrame) -> dict[str, Measured]:
-    return {f"{at:.3g} min": measured(part) for at, part in rows.groupby("minutes")}
+    texts = sorted(labels.told_apart(rows["minutes"], 3).items())
+    return {f"{text} min": measured(rows[rows["minutes"] == at]) for at, text in texts}
 
 
 def _worst(at: Mapping[str, Measured]) -> str:
     least, dearest = min(at, key=lambda t: at[t].safe), max(at, key=lambda t: at[t].fuel)
-    low, high = percents(*at[least].safe_interval), ratios(*at[dearest].fuel_interval)
-    return (
-        f"at worst safe in {share(at[least].safe)} {low} ({least}) and at "
-        f"{ratio(at[dearest].fuel)} {high} of the bound ({dearest})"
-    )
+    safe = f"{share(at[least].safe)} {percents(*at[least].safe_interval)}"
+    fuel = ratio_within(at[dearest].fuel, at[dearest].fuel_interval)
+    return f"at worst safe in {safe} ({least}) and at {fuel} of the bound ({dearest})"

@@ -54,8 +54,7 @@ def run_flights(
     that of errors and of where on their orbits references begin. A row for each flight, columns of
     Flight, which do not depend on the workers.
     """
-    check_range("flights", flights, 1, MOST_FLIGHTS)
-    check_seed(seed)
+    check_flights(flights, seed)
     sizes = ((scenarios, records.WORLDS), (larger, (records.TYPICAL,)))
     parts = [
         Part((k, one, worlds), one.n, f"n={one.n}")
@@ -65,6 +64,12 @@ def run_flights(
     flown = partial(_flown, planners, flights, seed)
     tables = done_parts("flights", flown, parts, workers=workers, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
+
+
+def check_flights(flights: int, seed: int) -> None:
+    """Refuse a number of flights or a root seed out of range with an InputError."""
+    check_range("flights", flights, 1, MOST_FLIGHTS)
+    check_seed(seed)
 
 
 def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearWorld]:

@@ -64,7 +64,7 @@ class Measured:
     def text(self) -> str:
         """Both numbers with their intervals."""
         safe = f"{labels.share(self.safe)} {labels.percents(*self.safe_interval)}"
-        fuel = f"{labels.ratio(self.fuel)} {labels.ratios(*self.fuel_interval)}"
+        fuel = labels.ratio_within(self.fuel, self.fuel_interval)
         return f"safe in {safe} at {fuel} of the bound"
 
 

@@ -65,10 +65,15 @@ def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
 
 
 def mean_interval(values: Float[Array, "k"]) -> Interval:
-    """Student's interval of a mean; no more than the mean where values do not vary."""
+    """Student's interval of a mean: no more than the mean where values do not vary.
+
+    Not a number for fewer than two values, which do not say how much they vary.
+    """
     k = len(values)
-    mean = float(values.mean()) if k else float("nan")
-    if k < 2 or np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
+    if k < 2:
+        return float("nan"), float("nan")
+    mean = float(values.mean())
+    if np.allclose(values, values[0], rtol=1e-12, atol=1e-15):
         return mean, mean
     half = _t_quantile(k - 1) * float(values.std(ddof=1)) / float(np.sqrt(k))
     return mean - half, mean + half

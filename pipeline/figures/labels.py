@@ -60,10 +60,29 @@ def ratios(low: float, high: float) -> str:
     return f"[{ratio(low)}, {ratio(high)}]"
 
 
+def ratio_within(value: float, interval: tuple[float, float]) -> str:
+    """A ratio with its interval, where that exists."""
+    return ratio(value) if math.isnan(interval[0]) else f"{ratio(value)} {ratios(*interval)}"
+
+
 def span(values: Iterable[float]) -> str:
     """The least and the greatest of some numbers."""
     low, high = min(values := list(values)), max(values)
     return number(low) if low == high else f"{number(low)} to {number(high)}"
+
+
+def told_apart(values: Iterable[float], least: int) -> dict[float, str]:
+    """Each number's text, all by as many significant digits as tell them apart, or the least.
+
+    >>> told_apart([60.0, 60.00001], 6)
+    {60.0: '60', 60.00001: '60.00001'}
+    """
+    known, texts = set(values), dict[float, str]()
+    for digits in range(least, 18):
+        texts = {value: f"{value:.{digits}g}" for value in known}
+        if len(set(texts.values())) == len(known):
+            break
+    return texts
 
 
 def error(metres: float) -> str:

@@ -91,12 +91,11 @@ class Writer:
         self.pictures: list[Picture] = []
 
     def write(self, section: Section) -> Markdown:
-        """The section's Markdown, each paragraph on a line of its own."""
+        """The section's Markdown, each paragraph and each item of a list on a line of its own."""
         given = {**section.values, "table": self._table, "figure": self._figure}
         text = template(section.template).render(given)
         parts = filter(None, map(str.strip, re.split(r"\n\s*\n", text)))
-        lines = (p if p.startswith(("|", "!")) else " ".join(p.split()) for p in parts)
-        return Markdown("\n\n".join(lines))
+        return Markdown("\n\n".join(map(_joined, parts)))
 
     def _table(self, table: Table, caller: Callable[[], str]) -> str:
         self.tables.append(table)
@@ -119,6 +118,14 @@ def file_name(name: str) -> str:
     """A name as a file name; where it has other characters or is long, its digest ends it."""
     plain = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)[:LONGEST]
     return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
+
+def _joined(part: str) -> str:
+    """A paragraph, or each item of a list, on one line; a table or a figure as it is."""
+    if part.startswith(("|", "!")):
+        return part
+    items = part.split("\n- ") if part.startswith("- ") else [part]
+    return "\n- ".join(" ".join(item.split()) for item in items)
 
 
 def _texts(frame: pd.DataFrame, column: Column) -> list[str]:

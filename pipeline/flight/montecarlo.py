@@ -208,6 +208,8 @@ def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
         return False
     first, rows = portion.rows.start, table.num_rows
     whole = table["trial"].to_pylist() == list(range(first, first + rows))
+    if whole and rows < len(portion.rows):
+        ledger.outgrow(name)
     return whole and rows >= len(portion.rows) and ledger.timed.get(name) == timings
 
 

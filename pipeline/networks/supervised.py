@@ -62,8 +62,8 @@ class Supervised(ABC):
 
     @property
     def unused(self) -> frozenset[str]:
-        """The weight of the collision penalty, where the loss has none."""
-        return frozenset() if self.collision else frozenset({"collision_weight"})
+        """Scenarios without plans, and the weight of the collision penalty where there is none."""
+        return frozenset({"crowded"} if self.collision else {"crowded", "collision_weight"})
 
     @abstractmethod
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:

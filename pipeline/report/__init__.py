@@ -1,5 +1,6 @@
 """The report: result tables in; Markdown, one HTML page, CSV tables and figures out."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -41,6 +42,10 @@ PROVENANCE = [
     *(Column("Data", "data"), Column("Digest", "digest_short"), Column("Code", "code_short")),
     Column("Machine", "machine"),
 ]
+NAMES = r"questions|provenance|summary|beyond|training|experiment\d(-[\w.-]+)?|transfer-\d+"
+WRITTEN = re.compile(rf"tables/({NAMES})\.csv|figures/({NAMES})\.(svg|png)")
+"""Files beside the page that a report may have."""
+
 DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
 
 
@@ -106,7 +111,10 @@ class ReportFiles:
 
 
 def build_report(results: Results, out: Path) -> ReportFiles:
-    """Write a report: report.md, report.html, tables/ and figures/; same results, same bytes."""
+    """Write a report: report.md, report.html, tables/ and figures/; same results, same bytes.
+
+    Tables and figures of an earlier report in the folder that this one has not are removed.
+    """
     summary, n = summarize(results.trials), reference_size(results.trials)
     # One style for each planner of any table, so that it looks the same in every figure.
     look = styles(results.planners)
@@ -135,8 +143,12 @@ def build_report(results: Results, out: Path) -> ReportFiles:
         drawn[f"figures/{path.name}.svg"] = figures[-2].read_bytes()
     page = html_page(TITLE, markdown, drawn)
     files = ReportFiles(out / "report.md", out / "report.html", tuple(tables), tuple(figures))
+    earlier = {*out.glob("tables/*"), *out.glob("figures/*")} if files.markdown.exists() else set()
     write_text(files.markdown, markdown)
     write_text(files.html, page)
+    for path in earlier - {*tables, *figures}:
+        if WRITTEN.fullmatch(path.relative_to(out).as_posix()):
+            path.unlink()
     return files
 
 

@@ -154,7 +154,16 @@ def open_folder(where: Where | Folder) -> Folder:
         files, root = _filesystem(url)
         return Folder(url, fs.SubTreeFileSystem(root, files))
     path = Path(where)
-    return Folder(str(path), fs.SubTreeFileSystem(str(path), fs.LocalFileSystem()), path)
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(
+            f"The name of the folder {path} is not UTF-8; expected one that is: rename it or give "
+            "another."
+        ) from None
+    # Arrow takes a:b, without a slash before the colon, for a URI and aborts the process.
+    base = str(path) if path.is_absolute() else f"./{path}"
+    return Folder(str(path), fs.SubTreeFileSystem(base, fs.LocalFileSystem()), path)
 
 
 def _local_path(url: str) -> Path:

@@ -103,6 +103,7 @@ class Ledger(Generic[Kind]):
         self.timed = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
+        self._outgrown: dict[str, str] = {}  # digests of sound shards that others shall replace
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._not_before = -float("inf")
 
@@ -140,7 +141,8 @@ class Ledger(Generic[Kind]):
             self.folder.publish(storage.TIMINGS + name, timings)
             self.timed[name] = digest_of(timings)
         if isinstance(content, bytes):
-            content = write(self.folder, name, content, self._progress)
+            outgrown = self._outgrown.pop(name, "")
+            content = write(self.folder, name, content, self._progress, outgrown)
         for sentence in content.said:
             self._progress.say(sentence)
         if self.shards.get(name, content.digest) != content.digest:
@@ -166,6 +168,10 @@ class Ledger(Generic[Kind]):
         self.shards[name] = digest
         self.timed[name] = digest_of(timings)
         return True
+
+    def outgrow(self, name: str) -> None:
+        """Have a sound shard replaced by the next of its name, and not set aside."""
+        self._outgrown[name] = self.shards[name]
 
     def drop(self, names: Iterable[str]) -> None:
         """Drop shards from the manifest."""
@@ -197,11 +203,16 @@ class Written:
     said: Sequence[str] = ()  # to people, by the worker that wrote it
 
 
-def write(folder: Folder, name: str, content: bytes, progress: Progress) -> Written:
-    """Write a shard, unless it is there; what else is in its place is set aside."""
+def write(
+    folder: Folder, name: str, content: bytes, progress: Progress, outgrown: str = ""
+) -> Written:
+    """Write a shard, unless it is there; what else is in its place is set aside.
+
+    The shard of the digest ``outgrown`` is replaced.
+    """
     digest, there = digest_of(content), folder.exists(name)
     if not (there and _holds(folder, name, digest)):
-        if there:
+        if there and not (outgrown and _holds(folder, name, outgrown)):
             set_aside(folder, name, progress)
         folder.publish(name, content)
     return Written(digest, folder.stamp(name))

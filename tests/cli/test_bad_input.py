@@ -46,6 +46,12 @@ CASES = {
     ),
     "no dataset to fly on": (["flights", "--data", "none"], "none does not exist"),
     "no scenarios to fly": (["flights", "--data", "none", "--trials", "0"], "trials is 0"),
+    "crowded scenarios for a network that needs plans": (
+        ["train", "--arch", "refiner,ff1", "--crowded", "30", "--data", "none"],
+        "crowded is given and has no effect on the training of ff1",
+    ),
+    "no flights": (["flights", "--data", "none", "--flights", "0"], "flights is 0"),
+    "no seed to fly with": (["flights", "--data", "none", "--seed", "-1"], "seed is -1"),
     "no processes to fly with": (["flights", "--data", "none", "--jobs", "0"], "jobs is 0"),
     "less than no timing": (
         ["evaluate", "--data", "none", "--n", "2", "--timed", "-1"],

@@ -91,3 +91,12 @@ def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solv
     assert found is not None
     assert set(table_of(found).planner) == {"expert", "minimum energy", "decoupled optimum"}
     assert found.params["models"] == ""
+
+
+@pytest.mark.parametrize("wrong", [{"flights": 0}, {"seed": -1}])
+def test_numbers_that_are_refused_leave_nothing_behind(
+    wrong: dict[str, int], solved: Path, folder: Path
+) -> None:
+    with pytest.raises(InputError, match=f"{next(iter(wrong))} is"):
+        flights(Flights(data=str(solved), n=CRAFT, **wrong))
+    assert [one.name for one in folder.iterdir()] == ["mlflow.db"]

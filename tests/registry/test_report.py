@@ -14,6 +14,7 @@ from cli.jobs.report import report
 from cli.main import app
 from cli.settings import Evaluation, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
+from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
@@ -100,6 +101,11 @@ def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
     assert list(training["arch"]) == ["ff1"]
     assert "is left out" not in text
     assert "LSTM1" not in text
+
+
+def test_a_report_goes_into_no_datasets_folder(solved: Path) -> None:
+    with pytest.raises(InputError, match="is a dataset's folder; expected another"):
+        report(solved)
 
 
 def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str]) -> None:

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 import pipeline
-from cli.jobs.experiments import evaluate
-from cli.settings import Evaluation
+from cli.jobs.experiments import evaluate, transfer_times
+from cli.jobs.report import report
+from cli.settings import Evaluation, TransferTimes
 from pipeline.errors import InputError
 from pipeline.flight.montecarlo import MADE_BY
 from pipeline.networks.recipes import Recipe
@@ -188,6 +189,27 @@ def test_an_evaluation_of_the_same_models_in_another_order_is_the_same(
     first = evaluate(asked, workers=alone, resume=True)
     again = evaluate(replace(asked, models="ff1/2,ff1/1"), workers=alone, resume=True)
     assert (again.run_id, again.earlier) == (first.run_id, True)
+
+
+def test_results_of_a_deleted_model_are_not_those_of_a_new_one_with_its_uri(
+    register: Callable[..., Any], solved: Path
+) -> None:
+    register(1.0)
+    asked, alone = Evaluation(data=str(solved), sizes="3", trials=1, timed=0), Workers(jobs=1)
+    first = evaluate(asked, workers=alone)
+    of_first = TransferTimes(data=str(solved), n=3, nodes="6,11", trials=1)
+    times = transfer_times(of_first, workers=alone)
+    assert evaluate(asked, workers=alone, resume=True).earlier
+    connect().client.delete_registered_model("prolearn-ff1")
+    assert register(2.0)[0].uri == evaluation(first.run_id).params["models"]
+
+    assert not evaluate(asked, workers=alone, resume=True).earlier
+    text = report(Path("new")).markdown.read_text()
+    assert f"Experiment 4: the newest run ({times.run_id}, 20" in text
+    assert "no longer there" not in text
+    text = report(Path("old"), first.run_id).markdown.read_text()
+    assert "1 of the evaluated models are no longer there" in text
+    assert "Experiment 4: the newest run" not in text
 
 
 def test_an_experiment_of_other_versions_is_not_taken_for_done_and_says_which(

@@ -99,6 +99,21 @@ def test_a_link_to_a_folder_of_the_dataset_brings_no_file_in_danger(solved):
     assert content(solved) == before
 
 
+def test_a_relative_name_may_look_like_a_uri(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("run:1", "mailto:x"):  # Arrow ends the process at these
+        folder = open_folder(name)
+        assert not folder.is_there()
+        folder.publish("n=2/a", b"a")
+        assert (tmp_path / name / "n=2" / "a").read_bytes() == folder.read("n=2/a") == b"a"
+
+
+@pytest.mark.parametrize("where", [os.fsdecode(b"b\xff"), "file:///tmp/b%FF"])
+def test_a_name_that_is_not_utf_8_is_refused(where):
+    with pytest.raises(InputError, match="is not UTF-8; expected one that is"):
+        open_folder(where)
+
+
 @pytest.mark.parametrize("host", ["", "localhost", "LOCALHOST"])
 def test_a_file_url_is_the_folder_on_this_machine_with_its_lock_and_its_renames(host, tmp_path):
     path = tmp_path / "my data é#1%20"

@@ -69,3 +69,4 @@ def test_a_mean_has_students_interval():
     low, high = mean_interval(np.array([1.0, 2.0, 3.0]))
     assert (low, high) == pytest.approx((2 - 4.303 / 3**0.5, 2 + 4.303 / 3**0.5), abs=1e-3)
     assert mean_interval(np.array([2.0, 2.0])) == (2.0, 2.0)
+    assert np.isnan(mean_interval(np.array([1.0]))).all(), "one value does not say how it varies"

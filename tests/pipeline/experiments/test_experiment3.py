@@ -178,3 +178,17 @@ def test_a_claim_that_one_network_does_not_bear_out_stays_open():
     (answer,) = seed_findings(warmstarts((0.2, 0.5), (1.0, 1.6)))
     assert answer.verdict.endswith("with ours, no saving is proven")
     assert seed_findings(no_rows("warmstarts")) == []
+
+
+def test_one_trial_proves_no_saving():
+    one = warmstarts((0.2, 0.5), (0.8, 0.6)).query("trial == 0")
+    (answer,) = seed_findings(one)
+    assert answer.verdict == (
+        "Open for the paper's kind of optimizer; with ours, no saving is proven"
+    )
+    assert "0 of 2 networks faster beyond chance" in answer.numbers
+
+
+def test_one_trial_has_a_ratio_without_an_interval(both):
+    _, body = cells(warmstart_table(both[both["trial"] == 0], "plain", 10))
+    assert next(r for r in body if r[0] == "FF1 tuned")[6] == "0.250"  # 1/4

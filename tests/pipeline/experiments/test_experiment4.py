@@ -148,6 +148,15 @@ def test_the_report_has_the_section_with_figures_and_tables(trials_at, times, tm
     assert np.isnan(pd.to_numeric(safe.loc["ff1", "40 min, T = 21"]))
 
 
+def test_transfer_times_that_hardly_differ_are_told_apart(times):
+    near = times.replace({"time_step": {60.0: 119.99999, 240.0: 120.00001}})
+    header, _ = cells(times_tables(summarize_times(near))["fuel"])
+    steps = ["119.99999", "120", "120.00001"]
+    assert header[6:] == [f"20 min, Δt = {step} s" for step in steps]
+    other = times_findings(near, trained(("lstm1", "tuned", 0.5, 1.0)))[1]
+    assert "(20.000002 min)" in other.numbers, "of 4, 4 and 2 safe trials, the last is the worst"
+
+
 def test_a_table_of_another_shape_is_refused(trials, times):
     with pytest.raises(InputError, match=r"'transfer_times' lacks the columns varied"):
         Results(trials, transfer_times=times.drop(columns="varied"))

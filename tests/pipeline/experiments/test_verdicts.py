@@ -61,6 +61,13 @@ def test_the_best_free_baseline_stands_beside_and_is_compared_trial_by_trial(ask
     assert held in answer.baseline, "Newcombe's interval; test_intervals has its truth"
 
 
+def test_one_trial_has_fuel_without_an_interval_and_decides_nothing(rows):
+    one = pd.DataFrame(flown(rows, "ff1", "tuned", [True], 1.3))
+    (answer,) = findings(prepared(one), trained(("ff1", "tuned", 0.5, 1.0)), 10)
+    assert answer.verdict.startswith("Open")
+    assert "at 1.310 of the bound" in answer.numbers
+
+
 @pytest.mark.parametrize(
     ("safe", "fuel", "seeds", "verdict"),
     [
@@ -120,4 +127,4 @@ def test_nothing_but_a_number_is_missing_where_a_bound_is_none(rows):
     table["fuel_lower_bound"] = [0.0, 1.0]
     assert np.isnan(prepared(table)["fuel_ratio"].iloc[0])
     (answer,) = findings(prepared(table), trained(("ff1", "tuned", 1.0, 1.0)), 10)
-    assert "at 0.990 [0.990, 0.990] of the bound" in answer.numbers
+    assert "at 0.990 of the bound" in answer.numbers

@@ -4,8 +4,10 @@ import csv
 
 import pandas as pd
 from hostile import HOSTILE, SEEN
+from jinja2 import Template
 from matplotlib.figure import Figure
 
+from pipeline.figures import tables
 from pipeline.figures.labels import number, share
 from pipeline.figures.tables import Column, Picture, Section, Table, Writer, file_name, write_csv
 
@@ -35,6 +37,13 @@ def test_figures_are_numbered_through_all_sections_with_their_captions_on_one_li
     assert "*Figure 3. three (compare" in second
     assert all(line.endswith("orbits.*") for line in first.splitlines() if line.startswith("*"))
     assert [p.name for p in writer.pictures] == ["figure-one", "figure-two", "figure-three"]
+
+
+def test_each_item_of_a_list_has_a_line(monkeypatch):
+    text = Template("Two\n- 1 =\nhalves:\n\n- one\n  half\n- the other\n\nEnd.")
+    monkeypatch.setattr(tables, "template", lambda _: text)
+    written = Writer().write(Section("any", {}))
+    assert written == "Two - 1 = halves:\n\n- one half\n- the other\n\nEnd."
 
 
 def test_a_section_without_what_it_shows_says_how_to_get_it():

@@ -111,6 +111,13 @@ def test_more_trials_come_on_top_and_fewer_take_nothing_away(undisturbed, tmp_pa
     assert again["open"]["trial"].tolist() == list(range(6))
 
 
+def test_a_shard_of_fewer_trials_is_replaced_and_not_set_aside(undisturbed, tmp_path):
+    fly(tmp_path, trials=6)  # the second shard has two rows of four
+    fly(tmp_path)
+    assert content(tmp_path) == content(undisturbed[0])
+    assert not (tmp_path / "_damaged").exists()
+
+
 def test_what_is_there_is_not_flown_again_and_what_is_damaged_is(undisturbed, tmp_path):
     fly(tmp_path)
     paths = sorted(tmp_path.rglob("loop=*/part-*.parquet"))

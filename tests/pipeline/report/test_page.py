@@ -52,6 +52,19 @@ def test_the_page_refers_to_nothing_outside_itself(report):
     assert "url(" not in text
 
 
+def test_what_an_earlier_report_had_and_this_one_has_not_is_removed(trials_at, tmp_path):
+    others = ["tables/mine.csv", "figures/experiment4-tuned.pdf", "experiment5.csv"]
+    earlier = ["report.md", "tables/experiment4-safe.csv", "figures/experiment4-tuned.svg"]
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "figures").mkdir()
+    for name in (*others, *earlier):
+        (tmp_path / name).touch()
+    files = build_report(Results(trials_at(6)), tmp_path)
+    left = {path for path in tmp_path.rglob("*") if path.is_file()}
+    mine = {files.markdown, files.html, *files.tables, *files.figures}
+    assert left - mine == {tmp_path / name for name in others}
+
+
 def test_no_file_is_read_because_a_text_names_it(results, trials_at, tmp_path):
     (tmp_path / "secret.svg").write_text("what nobody else may read")
     asked = f"![i]({tmp_path}/secret.svg) ![i](secret.svg) ![i][r]"
