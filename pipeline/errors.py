@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite
+from numbers import Real
+from reprlib import repr as brief
 
 
 class ProlearnError(Exception):
@@ -13,8 +15,15 @@ class InputError(ProlearnError):
     """Input that cannot be worked with, in one sentence; the command line exits with 2."""
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a real number, Python's or numpy's, and no boolean."""
+    return isinstance(value, float | Real) and not isinstance(value, bool)
+
+
 def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
-    """Refuse a number outside a range with an InputError that names what it is of."""
+    """Refuse what is no number of a range with an InputError that names what it is of."""
+    if not is_number(value):
+        raise InputError(f"{name} is {brief(value)}; expected a number from {least} to {most}.")
     if not least <= value <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
 import pytest
@@ -30,6 +30,7 @@ def plan():
 
 AXES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
 NAN = float("nan")
+NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 
 
 @pytest.mark.parametrize(
@@ -46,11 +47,28 @@ NAN = float("nan")
         (lambda: replace(swap().problem, thrust="norm"), "thrust is 'norm'; expected Thrust"),
         (lambda: prolearn.plan(swap(), risk=1e-3), "risk is 0.001; expected a RiskLimit"),
         (lambda: prolearn.tradeoff(swap(), NAN, 1200), "duration is nan to 1200 s"),
+        (lambda: Reference(NOON.replace(tzinfo=None), 51.6, 0, 0), "12:00:00; expected a datetime"),
+        (lambda: Reference(NOON.replace(year=1900), 51.6, 0, 0), "between 1960 and 2200"),
+        (lambda: Reference("2026-03-01T12:00:00Z", 51.6, 0, 0), "epoch is 2026-03-01T12:00:00Z"),
+        (lambda: Reference(NOON, 200, 0, 0), "inclination_deg is 200"),
+        (lambda: Reference(NOON, 51.6, NAN, 0), "raan_deg is nan"),
+        (lambda: Reference(NOON, 51.6, 0, "1"), "argument_of_latitude_deg is '1'"),
+        (lambda: replace(swap(), reference=1), "reference is 1; expected a Reference"),
     ],
 )
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
     with pytest.raises(InputError, match=words):
         wrong()
+
+
+def test_an_epoch_of_another_zone_is_that_moment_in_utc(plan, tmp_path):
+    here = NOON.astimezone(timezone(timedelta(hours=9)))
+    placed = swap(reference=Reference(here, np.float32(51.5), 0, 0))
+    assert placed.reference == Reference(NOON, 51.5, 0.0, 0.0)
+    (file, *_) = prolearn.convert(replace(plan, scenario=placed), "oem", tmp_path)
+    assert "START_TIME = 2026-03-01T12:00:00" in file.read_text()
+    prolearn.write_scenario(tmp_path / "placed.json", placed)
+    assert prolearn.read_scenario(tmp_path / "placed.json").reference == placed.reference
 
 
 def test_thrust_may_be_made_of_lists():
