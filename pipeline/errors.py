@@ -31,8 +31,9 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
 
 def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
     """Refuse a vector of another size or with values that are not finite, by an InputError."""
-    if len(given) != size or not all(map(isfinite, given)):
-        raise InputError(f"{name} is {tuple(given)}; expected {size} finite numbers.")
+    fine = isinstance(given, tuple | list) and len(given) == size
+    if not fine or not all(is_number(one) and isfinite(one) for one in given):
+        raise InputError(f"{name} is {given}; expected {size} finite numbers.")
 
 
 def check_choice(name: str, value: object, choices: Iterable[str]) -> None:

@@ -65,6 +65,8 @@ def radius_at(mean_motion: float) -> float:
 def check_mean_motion(mean_motion: float) -> None:
     """Refuse a mean motion (rad/s) of orbits inside the Earth or its air with an InputError."""
     most = mean_motion_at(LOWEST)
+    if not is_number(mean_motion):
+        raise InputError(f"mean_motion is {mean_motion!r}; expected a number, in rad/s.")
     if not mean_motion > most:
         return
     units = {"deg/s": radians(mean_motion), "revolutions a day": 2 * pi * mean_motion / 86400}

@@ -53,12 +53,53 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: Reference(NOON, 200, 0, 0), "inclination_deg is 200"),
         (lambda: Reference(NOON, 51.6, NAN, 0), "raan_deg is nan"),
         (lambda: Reference(NOON, 51.6, 0, "1"), "argument_of_latitude_deg is '1'"),
+        (lambda: prolearn.Problem(nodes=11.5), "nodes is 11.5; expected a whole number"),
+        (lambda: prolearn.Problem(nodes=True), "nodes is True; expected a whole number"),
+        (lambda: prolearn.Problem(time_step="a"), "time_step is 'a'; expected a number from"),
+        (lambda: prolearn.Problem(mean_motion=None), "mean_motion is None; expected a number"),
+        (lambda: prolearn.Problem(collision_radius=True), "collision_radius is True; expected a"),
+        (lambda: prolearn.Spacecraft(mass="1"), "mass is '1'; expected a number from"),
+        (lambda: prolearn.Box("abc", (1, 1, 1)), "min of a box is abc; expected 3 finite"),
         (lambda: replace(swap(), reference=1), "reference is 1; expected a Reference"),
     ],
 )
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
     with pytest.raises(InputError, match=words):
         wrong()
+
+
+def test_numpys_numbers_and_arrays_are_planned_compared_and_written(tmp_path):
+    def made(number, whole, array):
+        thrust = prolearn.Thrust("norm", number(0.5), no_burn=array([[0, 100]]))
+        problem = prolearn.Problem(
+            time_step=number(120), collision_radius=whole(15), nodes=whole(11), thrust=thrust
+        )
+        box = prolearn.Box(array([-900.0] * 3), array([900.0] * 3))
+        cone = prolearn.Cone(array([0.0, -900.0, 0.0]), array([0.0, 1.0, 0.0]), number(80))
+        return replace(
+            swap(),
+            problem=problem,
+            craft=(prolearn.Spacecraft(radius=number(8)),) * 6,
+            corridors=(
+                prolearn.Corridor(box, whole(0), number(600), craft=tuple(array(range(2)))),
+                prolearn.Corridor(cone, number(120), whole(240), craft=array([3])),
+            ),
+            waypoints=(prolearn.Waypoint(whole(0), array([1.0, 2, 3]), time=number(600)),),
+            obstacles=(
+                prolearn.Obstacle("o", array([0.0] * 6), semi_axes=array([1.0, 2, 3]), hold=True),
+            ),
+        )
+
+    numpys, pythons = made(np.float32, np.int64, np.array), made(float, int, list)
+    for name in ("problem", "craft", "corridors", "waypoints", "obstacles"):
+        assert getattr(numpys, name) == getattr(pythons, name)
+        hash(getattr(numpys, name))
+    assert prolearn.Problem(nodes=11.0) == prolearn.Problem()
+    for scenario, name in ((numpys, "numpy.json"), (pythons, "python.json")):
+        prolearn.write_scenario(tmp_path / name, scenario)
+    written = (tmp_path / "numpy.json").read_text()
+    assert json.loads(written) == json.loads((tmp_path / "python.json").read_text())
+    assert prolearn.read_scenario(tmp_path / "numpy.json").corridors == pythons.corridors
 
 
 def test_an_epoch_of_another_zone_is_that_moment_in_utc(plan, tmp_path):
