@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -172,10 +172,12 @@ class Scenario:
         return replace(self, goal=self.goal[list(slots)])
 
 
-def _states(end: str, given: object, mean_motion: float) -> Float[Array, "n 6"]:
+def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
     """The states at an end as an array; InputError for what is none, or is out of range."""
     try:
-        states = np.asarray(given, dtype=float)
+        if isinstance(given, np.ndarray) and given.dtype.kind == "c":
+            raise TypeError("they are complex")
+        states = np.array(given, dtype=float)  # the caller's array may change
     except (TypeError, ValueError) as error:
         raise InputError(
             f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "

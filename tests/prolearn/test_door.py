@@ -53,6 +53,7 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: Reference(NOON, 200, 0, 0), "inclination_deg is 200"),
         (lambda: Reference(NOON, 51.6, NAN, 0), "raan_deg is nan"),
         (lambda: Reference(NOON, 51.6, 0, "1"), "argument_of_latitude_deg is '1'"),
+        (lambda: replace(swap(), goal=swap().goal * 1j), "goal is no array of numbers .*complex"),
         (lambda: prolearn.Problem(nodes=11.5), "nodes is 11.5; expected a whole number"),
         (lambda: prolearn.Problem(nodes=True), "nodes is True; expected a whole number"),
         (lambda: prolearn.Problem(time_step="a"), "time_step is 'a'; expected a number from"),
@@ -66,6 +67,14 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
     with pytest.raises(InputError, match=words):
         wrong()
+
+
+def test_a_scenario_stays_as_it_was_made_where_the_callers_arrays_change():
+    initial, goal = swap().initial.copy(), swap().goal.copy()
+    made = prolearn.Scenario(prolearn.Problem(), initial, goal)
+    initial += 1.0
+    goal += 1.0
+    assert (made.initial == swap().initial).all() and (made.goal == swap().goal).all()
 
 
 def test_numpys_numbers_and_arrays_are_planned_compared_and_written(tmp_path):
