@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
 
+import matplotlib
 import numpy as np
 import pytest
 from judge import judge_plan
@@ -301,8 +302,23 @@ def test_a_page_stands_in_a_notebook_and_in_a_file(plan, tmp_path):
         .startswith(PNG)
     )
     assert prolearn.plot(plan).write(tmp_path / "plan.svg").read_text().count("<svg") == 1
-    with pytest.raises(InputError, match="nothing to plot"):
-        prolearn.plot([])
+    for nothing in ([], [1], 1, [plan, 1], None):
+        with pytest.raises(InputError, match="nothing to plot in"):
+            prolearn.plot(nothing)
+
+
+def test_plans_by_one_planner_have_a_panel_each(plan):
+    titles = [ax.get_title() for ax in prolearn.plot([plan, plan, plan]).figure.axes]
+    assert titles == ["Expert", "Expert (2)", "Expert (3)"]
+    other = prolearn.plan(swap(collision_radius=14.0), "straight-line")
+    with pytest.raises(InputError, match="plans 0 and 1 have other states"):
+        prolearn.plot([plan, other])
+
+
+def test_a_notebooks_figure_is_the_same_whatever_the_callers_matplotlib_is_set_to(plan):
+    usual = prolearn.plot(plan)._repr_png_()
+    with matplotlib.rc_context({"savefig.facecolor": "red", "grid.alpha": 0.1, "font.size": 20}):
+        assert prolearn.plot(plan)._repr_png_() == usual
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "burns"])
