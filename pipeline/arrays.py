@@ -18,6 +18,7 @@ __all__ = [
     "Float64",
     "Int",
     "Shaped",
+    "fields_as_python",
     "like",
     "namespace",
     "plain",
@@ -44,6 +45,24 @@ else:
 def namespace(values: Any) -> Any:
     """Library of an array: numpy or torch."""
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
+
+
+def fields_as_python(of: object) -> None:
+    """Make numpy's numbers and arrays, and lists, in the fields of a dataclass Python's and tuples.
+
+    Files, comparisons and hashes need them so.
+    """
+    for name, given in vars(of).items():
+        if (made := _as_python(given)) is not given:
+            object.__setattr__(of, name, made)
+
+
+def _as_python(given: Any) -> Any:
+    if isinstance(given, float | int | str | None) and not isinstance(given, np.generic):
+        return given
+    if isinstance(given, np.ndarray | np.generic):
+        given = given.tolist()
+    return tuple(map(_as_python, given)) if isinstance(given, list | tuple) else given
 
 
 def plain(values: Any) -> Shaped[Array, "..."]:

@@ -3,6 +3,9 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite
+from numbers import Integral, Real
+from reprlib import repr as brief
+from typing import Any
 
 
 class ProlearnError(Exception):
@@ -13,17 +16,33 @@ class InputError(ProlearnError):
     """Input that cannot be worked with, in one sentence; the command line exits with 2."""
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a real number, Python's or numpy's, and no boolean."""
+    return isinstance(value, float | Real) and not isinstance(value, bool)
+
+
 def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
-    """Refuse a number outside a range with an InputError that names what it is of."""
+    """Refuse what is no number of a range with an InputError that names what it is of."""
+    if not is_number(value):
+        raise InputError(f"{name} is {brief(value)}; expected a number from {least} to {most}.")
     if not least <= value <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
 
 
+def check_whole(name: str, value: int, least: int, most: int) -> None:
+    """Refuse what is no whole number of a range with an InputError that names what it is of."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        low, high = map(_short, (least, most))
+        raise InputError(f"{name} is {brief(value)}; expected a whole number from {low} to {high}.")
+    check_range(name, value, least, most)
+
+
 def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
     """Refuse a vector of another size or with values that are not finite, by an InputError."""
-    if len(given) != size or not all(map(isfinite, given)):
-        raise InputError(f"{name} is {tuple(given)}; expected {size} finite numbers.")
+    fine = isinstance(given, tuple | list) and len(given) == size
+    if not fine or not all(is_number(one) and isfinite(one) for one in given):
+        raise InputError(f"{name} is {given}; expected {size} finite numbers.")
 
 
 def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
@@ -31,6 +50,21 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
     known = list(choices)
     if value not in known:
         raise InputError(f"{name} is {value!r}; expected {' or '.join(known)}.")
+
+
+def check_kind(name: str, value: object, kind: Any) -> None:
+    """Refuse a value of another class, or of none of a union, by an InputError."""
+    if not isinstance(value, kind):
+        wanted = " or ".join(one.__name__ for one in getattr(kind, "__args__", (kind,)))
+        raise InputError(
+            f"{name} is {brief(value)}; expected {wanted.replace('NoneType', 'None')}."
+        )
+
+
+def check_each(name: str, values: object, kind: type) -> None:
+    """Refuse what is no list or tuple of values of a class by an InputError."""
+    if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
+        raise InputError(f"{name} is {brief(values)}; expected a list of {kind.__name__}.")
 
 
 def _short(value: float | int) -> str:

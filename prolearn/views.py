@@ -1,20 +1,26 @@
 """Pages and figures of plans for notebooks and files, and plans in formats of other tools."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import BytesIO
 from pathlib import Path
+from reprlib import repr as brief
 from typing import Literal
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, told_which_extra
-from pipeline.figures.style import save
+from pipeline.figures.labels import label_name
+from pipeline.figures.style import in_style, save
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan import Plan
+from pipeline.scenario import Scenario
 from pipeline.show import page
 from pipeline.tradeoff import Point, knee_of, tradeoff_figure
 from prolearn.flying import MonteCarlo
@@ -58,6 +64,7 @@ class Plot:
         save(self.figure, target.with_suffix(""), [target.suffix])
         return target
 
+    @in_style
     def _repr_png_(self) -> bytes:
         content = BytesIO()
         self.figure.savefig(content, format="png", dpi=DPI)
@@ -73,24 +80,53 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     """A figure of a plan, of several of one scenario, of a trade-off, or of a Monte Carlo.
 
     Raises:
-        InputError: for nothing at all.
+        InputError: for nothing at all, what is none of these, or plans of several scenarios.
     """
     if isinstance(what, MonteCarlo):
         return Plot(what.figure())
-    found = [what] if isinstance(what, Plan) else list(what)
-    if not found:
-        raise InputError("there is nothing to plot; expected a plan, plans, or a trade-off.")
+    found = list(what) if isinstance(what, Iterable) else [what]
     points = [one for one in found if isinstance(one, Point)]
+    plans = [one for one in found if isinstance(one, Plan)]
+    if not found or len(found) not in (len(points), len(plans)):
+        raise InputError(
+            f"there is nothing to plot in {brief(what)}; expected a plan, plans, a trade-off, or "
+            "a Monte Carlo."
+        )
     if points:
         scenario = points[0].plan.scenario
         title = f"{scenario.name}: n = {scenario.n}, arcs of {scenario.problem.time_step:g} s"
         return Plot(tradeoff_figure(points, knee_of(points), title))
-    plans = [one for one in found if isinstance(one, Plan)]
     asked = plans[0].scenario
-    tracks = {p.planner: track(p.states, p.controls, p.scenario.problem, STEPS) for p in plans}
+    for k, one in enumerate(plans):
+        if not _alike(one.scenario, asked):
+            raise InputError(
+                f"plans 0 and {k} have other states at their ends, or another collision_radius; "
+                "expected plans of one scenario: plot each scenario's by themselves."
+            )
     title = asked.name or f"{asked.n} craft"
     radius = asked.problem.collision_radius
-    return Plot(transfer_figure(Example(title, asked.initial, asked.goal, tracks, radius)))
+    return Plot(transfer_figure(Example(title, asked.initial, asked.goal, _tracks(plans), radius)))
+
+
+def _alike(one: Scenario, other: Scenario) -> bool:
+    """Whether scenarios look the same in a figure, where goals have no order."""
+    return (
+        one.problem.collision_radius == other.problem.collision_radius
+        and np.array_equal(one.initial, other.initial)
+        and sorted(one.goal.tolist()) == sorted(other.goal.tolist())
+    )
+
+
+def _tracks(plans: Sequence[Plan]) -> Mapping[str, Float[Array, "n _ 3"]]:
+    """Positions along each plan, by its planner, and by its number where there are several."""
+    seen: Counter[str] = Counter()
+    tracks = {}
+    for one in plans:
+        seen[one.planner] += 1
+        name = label_name(one.planner)
+        label = name if seen[one.planner] == 1 else f"{name} ({seen[one.planner]})"
+        tracks[label] = track(one.states, one.controls, one.scenario.problem, STEPS)
+    return tracks
 
 
 def convert(

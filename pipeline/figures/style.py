@@ -1,14 +1,16 @@
 """One look for all figures: planners' colours and markers, fonts, axes, and files."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import RLock
 from typing import Any, Literal
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.style import context
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -103,7 +105,16 @@ def styles(planners: Iterable[str]) -> dict[str, Style]:
     return KNOWN | further
 
 
-in_style = matplotlib.rc_context(RC)
+_DRAWING = RLock()
+
+
+@contextmanager
+def _styled() -> Iterator[None]:
+    with _DRAWING, context(["default", RC]):  # settings are those of all threads
+        yield
+
+
+in_style = _styled()
 """Decorates what draws; the caller's matplotlib settings stay as they are."""
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float
+from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_vector
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
@@ -36,6 +36,7 @@ class Box:
 
     def __post_init__(self) -> None:
         """Refuse boxes without an inside."""
+        fields_as_python(self)
         check_vector("min of a box", self.min)
         check_vector("max of a box", self.max)
         if not all(low < high for low, high in zip(self.min, self.max, strict=True)):
@@ -77,6 +78,7 @@ class Cone:
 
     def __post_init__(self) -> None:
         """Refuse cones without an inside."""
+        fields_as_python(self)
         check_vector("apex of a cone", self.apex)
         check_vector("axis of a cone", self.axis)
         if not 0 < self.half_angle_deg <= STEEPEST or not any(self.axis):
@@ -137,6 +139,10 @@ class Corridor:
     begin: float
     end: float
     craft: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Take numpy's numbers and lists of craft."""
+        fields_as_python(self)
 
 
 def check_corridors(corridors: Sequence[Corridor], n: int, problem: Problem) -> None:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.arrays import Controls, Indices, PositionMaps, Values, Vectors
 from pipeline.orbit.bezier import norm
@@ -71,6 +71,7 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
+        fields_as_python(self)
         for field in fields(self):
             check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])
         if self.latency not in (0, 1):

@@ -19,6 +19,7 @@ from pipeline.orbit.transfer import state_weight, step_maps, transfer_maps
 # Orbits within which a deviation is to be nulled. Sooner takes more fuel (0.1: 3.5 % of a plan's
 # instead of 3.2 % in rings of ten, errors of 0.2 m and 1 %), later no less.
 WITHIN = 0.15
+CORRECTED = 1e-100  # response to an error below which there is none, SI
 
 
 @lru_cache(maxsize=32)
@@ -67,6 +68,7 @@ def open_loop_responses(problem: Problem) -> Responses:
 
 
 @lru_cache(maxsize=32)
+@np.errstate(under="ignore")
 def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
     """With feedback from an estimate at each node but the first, where the estimate is the plan.
 
@@ -88,6 +90,8 @@ def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
         pushed = controls[k].copy()
         pushed[each[:3], known + 3 * k + each[:3]] += 1.0
         states[k + 1] = A[k] @ states[k] + B[k] @ pushed
+    for some in (states, controls):
+        some[np.abs(some) < CORRECTED] = 0.0  # whose squares would underflow
     return Responses(
         states[..., :known], states[..., known:], controls[..., :known], controls[..., known:]
     )

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float
+from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_range, check_vector
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import (
@@ -52,6 +52,7 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         """Refuse what is no obstacle."""
+        fields_as_python(self)
         object.__setattr__(self, "state", tuple(map(float, self.state)))
         if (self.radius is None) == (self.semi_axes is None):
             raise InputError(f"obstacle {self.name!r} needs one of radius and semi_axes, m.")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
@@ -55,6 +56,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
+        fields_as_python(self)
+        object.__setattr__(self, "nodes", _whole(self.nodes))
         check_mean_motion(self.mean_motion)
         if self.orbit is not None and self.mean_motion != self.orbit.mean_motion:
             raise InputError(
@@ -141,3 +144,12 @@ class Problem:
         """Largest component of a control within the limit, rounding included, m/s²."""
         limit = self.max_acceleration
         return np.inf if limit is None else limit * (1 + LIMIT_ROUNDING)
+
+
+def _whole(nodes: object) -> int:
+    """The number of nodes, of which 11.0 is one; InputError for what is none."""
+    if isinstance(nodes, float) and nodes.is_integer():
+        return int(nodes)
+    if not isinstance(nodes, int) or isinstance(nodes, bool):
+        raise InputError(f"nodes is {nodes!r}; expected a whole number of at least 3.")
+    return nodes

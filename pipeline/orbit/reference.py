@@ -1,16 +1,17 @@
 """The reference orbit: a circle about the Earth."""
 
 from dataclasses import dataclass
-from datetime import datetime
-from math import pi, radians, sqrt
+from datetime import UTC, datetime
+from math import isfinite, pi, radians, sqrt
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_range, is_number
 
 MU_EARTH = 398600.4418e9  # gravitational parameter of the Earth, m³/s²
 R_EARTH = 6378137.0  # equatorial radius of the Earth, m
 J2 = 1.0826266836e-3  # second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀
 # Altitudes in m: below, air ends an orbit within a revolution; above, the Sun's pull prevails
 LOWEST, HIGHEST = 100e3, 1.5e9
+YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
 GEOSTATIONARY = 35_786e3  # altitude in m up to which a unit is guessed
 
 
@@ -18,13 +19,31 @@ GEOSTATIONARY = 35_786e3  # altitude in m up to which a unit is guessed
 class Reference:
     """Epoch and attitude of the reference orbit; its size follows from the mean motion.
 
-    Angles are in degrees and refer to the Earth's mean equator and equinox of J2000 (EME2000).
+    An epoch of another zone is converted to UTC. Angles are in degrees and refer to the Earth's
+    mean equator and equinox of J2000 (EME2000).
     """
 
     epoch: datetime  # of the first node, UTC
     inclination_deg: float  # i, deg
     raan_deg: float  # Ω, right ascension of the ascending node, deg
     argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
+
+    def __post_init__(self) -> None:
+        """Refuse an epoch without a zone, and angles that are none."""
+        epoch = self.epoch
+        aware = isinstance(epoch, datetime) and epoch.utcoffset() is not None
+        if not aware or not YEARS[0] < epoch.year < YEARS[1]:
+            raise InputError(
+                f"epoch is {epoch}; expected a datetime with its zone, between {YEARS[0]} and "
+                f"{YEARS[1]}: give UTC."
+            )
+        object.__setattr__(self, "epoch", epoch.astimezone(UTC))
+        check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
+        for name in ("inclination_deg", "raan_deg", "argument_of_latitude_deg"):
+            angle = getattr(self, name)
+            if not (is_number(angle) and isfinite(angle)):
+                raise InputError(f"{name} is {angle!r}; expected a finite number of degrees.")
+            object.__setattr__(self, name, float(angle))
 
 
 def mean_motion_at(altitude: float) -> float:
@@ -46,6 +65,8 @@ def radius_at(mean_motion: float) -> float:
 def check_mean_motion(mean_motion: float) -> None:
     """Refuse a mean motion (rad/s) of orbits inside the Earth or its air with an InputError."""
     most = mean_motion_at(LOWEST)
+    if not is_number(mean_motion):
+        raise InputError(f"mean_motion is {mean_motion!r}; expected a number, in rad/s.")
     if not mean_motion > most:
         return
     units = {"deg/s": radians(mean_motion), "revolutions a day": 2 * pi * mean_motion / 86400}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_range
 from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
@@ -68,6 +68,7 @@ class ReferenceOrbit:
 
     def __post_init__(self) -> None:
         """Refuse orbits that are none, or hit the Earth."""
+        fields_as_python(self)
         check_elements(self)
         perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
         if not LOWEST <= perigee <= HIGHEST:

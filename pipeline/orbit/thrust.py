@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float
+from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_choice, check_range
 from pipeline.orbit.arrays import OfCraft, Rows
 
@@ -55,8 +55,8 @@ class Thrust:
 
     def __post_init__(self) -> None:
         """Refuse values out of range and directions that do not push all ways."""
+        fields_as_python(self)
         if not isinstance(self.model, str):
-            object.__setattr__(self, "model", tuple(map(tuple, self.model)))
             check_directions(self.model)
         elif self.model not in (COMPONENTS, NORM):
             raise InputError(
@@ -65,7 +65,6 @@ class Thrust:
         for name in ("max_acceleration_norm", "min_delta_v"):
             if (value := getattr(self, name)) is not None:
                 check_range(name, value, 1e-12, 1e6)
-        object.__setattr__(self, "no_burn", tuple(map(tuple, self.no_burn)))
         check_windows(self.no_burn)
         check_choice("objective", self.objective, get_args(Objective))
 

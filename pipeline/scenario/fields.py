@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat
 from pydantic_core import to_jsonable_python
 
-YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
+from pipeline.orbit.reference import YEARS
 
 
 def one_of(**fields: str) -> dict[str, Any]:

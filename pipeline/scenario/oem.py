@@ -10,7 +10,7 @@ from scipy.interpolate import KroghInterpolator
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.orbit.forces import point_mass
-from pipeline.scenario.fields import YEARS
+from pipeline.orbit.reference import YEARS
 from pipeline.text import visible
 
 FIRST_LINE = "CCSDS_OEM_VERS"

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -62,33 +62,8 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
         for end in ("initial", "goal"):
-            try:
-                states = np.asarray(getattr(self, end), dtype=float)
-            except (TypeError, ValueError) as error:
-                raise InputError(
-                    f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "
-                    "and m/s for each spacecraft."
-                ) from error
+            states = _states(end, getattr(self, end), self.problem.mean_motion)
             object.__setattr__(self, end, states)
-            if states.ndim != 2 or states.shape[1:] != (6,) or len(states) == 0:
-                raise InputError(
-                    f"{end} has shape {states.shape}; expected one row x y z vx vy vz for each "
-                    "of at least one spacecraft."
-                )
-            bad = ~np.isfinite(states).all(axis=1)
-            if bad.any():
-                raise InputError(
-                    f"{end}[{bad.argmax()}] has a value that is not a finite number; expected "
-                    "six finite numbers x y z vx vy vz in m and m/s."
-                )
-            far, fast = np.abs(states).reshape(-1, 2, 3).max(axis=(0, 2)).tolist()
-            furthest = min(FURTHEST, RELATIVE * radius_at(self.problem.mean_motion))
-            if far > furthest or fast > FASTEST:
-                raise InputError(
-                    f"{end} reaches {far:g} m and {fast:g} m/s; expected positions within "
-                    f"{furthest:g} m, {RELATIVE:.0%} of the reference orbit's radius, and "
-                    f"velocities within {FASTEST:g} m/s."
-                )
         if self.n > MOST_CRAFT or self.n * self.problem.nodes > MOST_STATES:
             raise InputError(
                 f"there are {self.n} spacecraft and {self.problem.nodes} nodes; expected at most "
@@ -100,6 +75,8 @@ class Scenario:
                 "one of each for every spacecraft."
             )
 
+        if self.reference is not None and not isinstance(self.reference, Reference):
+            raise InputError(f"reference is {self.reference!r}; expected a Reference or None.")
         check_craft(self.craft, self.n, self.problem.thrust)
         check_waypoints(self.waypoints, self.n, self.problem)
         check_obstacles(self.obstacles, self.problem)
@@ -193,6 +170,39 @@ class Scenario:
     def taking(self, slots: Sequence[int]) -> "Scenario":
         """The scenario with goals assigned to craft in the order of ``slots``."""
         return replace(self, goal=self.goal[list(slots)])
+
+
+def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
+    """The states at an end as an array; InputError for what is none, or is out of range."""
+    try:
+        if isinstance(given, np.ndarray) and given.dtype.kind == "c":
+            raise TypeError("they are complex")
+        states = np.array(given, dtype=float)  # the caller's array may change
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "
+            "and m/s for each spacecraft."
+        ) from error
+    if states.ndim != 2 or states.shape[1:] != (6,) or len(states) == 0:
+        raise InputError(
+            f"{end} has shape {states.shape}; expected one row x y z vx vy vz for each "
+            "of at least one spacecraft."
+        )
+    bad = ~np.isfinite(states).all(axis=1)
+    if bad.any():
+        raise InputError(
+            f"{end}[{bad.argmax()}] has a value that is not a finite number; expected "
+            "six finite numbers x y z vx vy vz in m and m/s."
+        )
+    far, fast = np.abs(states).reshape(-1, 2, 3).max(axis=(0, 2)).tolist()
+    furthest = min(FURTHEST, RELATIVE * radius_at(mean_motion))
+    if far > furthest or fast > FASTEST:
+        raise InputError(
+            f"{end} reaches {far:g} m and {fast:g} m/s; expected positions within "
+            f"{furthest:g} m, {RELATIVE:.0%} of the reference orbit's radius, and "
+            f"velocities within {FASTEST:g} m/s."
+        )
+    return states
 
 
 def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.thrust import Limits, Thrust, Windows, blocked, check_windows
@@ -35,6 +36,7 @@ class Spacecraft:
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
+        fields_as_python(self)
         for name in ("mass", "max_acceleration", "max_acceleration_norm", "delta_v"):
             if (value := getattr(self, name)) is not None:
                 check_range(name, value, *RANGES["max_acceleration"])

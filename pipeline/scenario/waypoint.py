@@ -6,6 +6,7 @@ from itertools import combinations, groupby
 
 import numpy as np
 
+from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_range, check_vector
 from pipeline.orbit.arrays import States, Values
 from pipeline.orbit.problem import Problem
@@ -33,6 +34,7 @@ class Waypoint:
 
     def __post_init__(self) -> None:
         """Check that position, velocity and time are finite; InputError where they are not."""
+        fields_as_python(self)
         for name in ("position", "velocity"):
             if (value := getattr(self, name)) is not None:
                 check_vector(f"{name} of a waypoint", value)

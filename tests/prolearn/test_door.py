@@ -2,8 +2,9 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 
+import matplotlib
 import numpy as np
 import pytest
 from judge import judge_plan
@@ -30,6 +31,7 @@ def plan():
 
 AXES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
 NAN = float("nan")
+NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 
 
 @pytest.mark.parametrize(
@@ -46,11 +48,78 @@ NAN = float("nan")
         (lambda: replace(swap().problem, thrust="norm"), "thrust is 'norm'; expected Thrust"),
         (lambda: prolearn.plan(swap(), risk=1e-3), "risk is 0.001; expected a RiskLimit"),
         (lambda: prolearn.tradeoff(swap(), NAN, 1200), "duration is nan to 1200 s"),
+        (lambda: Reference(NOON.replace(tzinfo=None), 51.6, 0, 0), "12:00:00; expected a datetime"),
+        (lambda: Reference(NOON.replace(year=1900), 51.6, 0, 0), "between 1960 and 2200"),
+        (lambda: Reference("2026-03-01T12:00:00Z", 51.6, 0, 0), "epoch is 2026-03-01T12:00:00Z"),
+        (lambda: Reference(NOON, 200, 0, 0), "inclination_deg is 200"),
+        (lambda: Reference(NOON, 51.6, NAN, 0), "raan_deg is nan"),
+        (lambda: Reference(NOON, 51.6, 0, "1"), "argument_of_latitude_deg is '1'"),
+        (lambda: replace(swap(), goal=swap().goal * 1j), "goal is no array of numbers .*complex"),
+        (lambda: prolearn.Problem(nodes=11.5), "nodes is 11.5; expected a whole number"),
+        (lambda: prolearn.Problem(nodes=True), "nodes is True; expected a whole number"),
+        (lambda: prolearn.Problem(time_step="a"), "time_step is 'a'; expected a number from"),
+        (lambda: prolearn.Problem(mean_motion=None), "mean_motion is None; expected a number"),
+        (lambda: prolearn.Problem(collision_radius=True), "collision_radius is True; expected a"),
+        (lambda: prolearn.Spacecraft(mass="1"), "mass is '1'; expected a number from"),
+        (lambda: prolearn.Box("abc", (1, 1, 1)), "min of a box is abc; expected 3 finite"),
+        (lambda: replace(swap(), reference=1), "reference is 1; expected a Reference"),
     ],
 )
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
     with pytest.raises(InputError, match=words):
         wrong()
+
+
+def test_a_scenario_stays_as_it_was_made_where_the_callers_arrays_change():
+    initial, goal = swap().initial.copy(), swap().goal.copy()
+    made = prolearn.Scenario(prolearn.Problem(), initial, goal)
+    initial += 1.0
+    goal += 1.0
+    assert (made.initial == swap().initial).all() and (made.goal == swap().goal).all()
+
+
+def test_numpys_numbers_and_arrays_are_planned_compared_and_written(tmp_path):
+    def made(number, whole, array):
+        thrust = prolearn.Thrust("norm", number(0.5), no_burn=array([[0, 100]]))
+        problem = prolearn.Problem(
+            time_step=number(120), collision_radius=whole(15), nodes=whole(11), thrust=thrust
+        )
+        box = prolearn.Box(array([-900.0] * 3), array([900.0] * 3))
+        cone = prolearn.Cone(array([0.0, -900.0, 0.0]), array([0.0, 1.0, 0.0]), number(80))
+        return replace(
+            swap(),
+            problem=problem,
+            craft=(prolearn.Spacecraft(radius=number(8)),) * 6,
+            corridors=(
+                prolearn.Corridor(box, whole(0), number(600), craft=tuple(array(range(2)))),
+                prolearn.Corridor(cone, number(120), whole(240), craft=array([3])),
+            ),
+            waypoints=(prolearn.Waypoint(whole(0), array([1.0, 2, 3]), time=number(600)),),
+            obstacles=(
+                prolearn.Obstacle("o", array([0.0] * 6), semi_axes=array([1.0, 2, 3]), hold=True),
+            ),
+        )
+
+    numpys, pythons = made(np.float32, np.int64, np.array), made(float, int, list)
+    for name in ("problem", "craft", "corridors", "waypoints", "obstacles"):
+        assert getattr(numpys, name) == getattr(pythons, name)
+        hash(getattr(numpys, name))
+    assert prolearn.Problem(nodes=11.0) == prolearn.Problem()
+    for scenario, name in ((numpys, "numpy.json"), (pythons, "python.json")):
+        prolearn.write_scenario(tmp_path / name, scenario)
+    written = (tmp_path / "numpy.json").read_text()
+    assert json.loads(written) == json.loads((tmp_path / "python.json").read_text())
+    assert prolearn.read_scenario(tmp_path / "numpy.json").corridors == pythons.corridors
+
+
+def test_an_epoch_of_another_zone_is_that_moment_in_utc(plan, tmp_path):
+    here = NOON.astimezone(timezone(timedelta(hours=9)))
+    placed = swap(reference=Reference(here, np.float32(51.5), 0, 0))
+    assert placed.reference == Reference(NOON, 51.5, 0.0, 0.0)
+    (file, *_) = prolearn.convert(replace(plan, scenario=placed), "oem", tmp_path)
+    assert "START_TIME = 2026-03-01T12:00:00" in file.read_text()
+    prolearn.write_scenario(tmp_path / "placed.json", placed)
+    assert prolearn.read_scenario(tmp_path / "placed.json").reference == placed.reference
 
 
 def test_thrust_may_be_made_of_lists():
@@ -152,6 +221,19 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         (lambda p: prolearn.monte_carlo(p, 2, seed=-1), "seed is -1"),
         (lambda p: prolearn.monte_carlo(p, 2, size=-1.0), "size is -1"),
         (lambda p: prolearn.monte_carlo(p, 2, replan="expert", sigmas=-1.0), "sigmas is -1"),
+        (lambda p: prolearn.monte_carlo(p, 3.0), "trials is 3.0; expected a whole number"),
+        (lambda p: prolearn.monte_carlo(p, 2, errors="cold-gas"), "errors is 'cold-gas'; expected"),
+        (lambda p: prolearn.tradeoff(p.scenario, 1200, 1800, steps=3.0), "steps is 3.0; expected"),
+        (lambda p: prolearn.draw("rings", 0, 4.0, 0, prolearn.Problem()), "index is 4.0; expected"),
+        (lambda p: prolearn.plan(p.scenario, passive_safety="1"), "asked for over 1 orbits"),
+        (lambda p: prolearn.plan(p.scenario, world="yes"), "world is 'yes'; expected Conditions"),
+        (lambda p: prolearn.fly(p, 1), "conditions is 1; expected Conditions or None"),
+        (lambda p: swap(craft=None), "craft is None; expected a list of Spacecraft"),
+        (lambda p: swap(craft=[{}] * 6), "craft is .*; expected a list of Spacecraft"),
+        (lambda p: swap(obstacles=[1]), "obstacles is .1.; expected a list of Obstacle"),
+        (lambda p: prolearn.plan_all([1]), "scenarios is .1.; expected a list of Scenario"),
+        (lambda p: prolearn.read_dataset("ds", "3"), "n is '3'; expected a whole number"),
+        (lambda p: prolearn.read_dataset("ds", 3, columns="fuel"), "columns is 'fuel'; expected a"),
         (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),
     ],
 )
@@ -160,6 +242,17 @@ def test_what_makes_no_sense_is_a_sentence(plan, tmp_path, monkeypatch, ask, wor
     with pytest.raises(InputError, match=words):
         ask(plan)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_numpys_integers_and_any_iterable_of_scenarios_are_taken(plan):
+    flown = [prolearn.monte_carlo(plan, 2, seed=kind(1)) for kind in (int, np.int32, np.uint32)]
+    assert len({one.summaries for one in flown}) == 1
+    three, problem = np.uint8(3), prolearn.Problem()
+    drawn = prolearn.draw("rings", three, three, three, problem)
+    assert drawn.name == prolearn.draw("rings", 3, 3, 3, problem).name
+    planned = prolearn.plan_all((one for one in [plan.scenario]), "straight-line")
+    objects = np.array([plan.scenario], dtype=object)
+    assert len(planned) == len(prolearn.plan_all(objects, "straight-line")) == 1
 
 
 def test_formations_that_are_too_close_are_refused_by_all_that_plans():
@@ -233,8 +326,23 @@ def test_a_page_stands_in_a_notebook_and_in_a_file(plan, tmp_path):
         .startswith(PNG)
     )
     assert prolearn.plot(plan).write(tmp_path / "plan.svg").read_text().count("<svg") == 1
-    with pytest.raises(InputError, match="nothing to plot"):
-        prolearn.plot([])
+    for nothing in ([], [1], 1, [plan, 1], None):
+        with pytest.raises(InputError, match="nothing to plot in"):
+            prolearn.plot(nothing)
+
+
+def test_plans_by_one_planner_have_a_panel_each(plan):
+    titles = [ax.get_title() for ax in prolearn.plot([plan, plan, plan]).figure.axes]
+    assert titles == ["Expert", "Expert (2)", "Expert (3)"]
+    other = prolearn.plan(swap(collision_radius=14.0), "straight-line")
+    with pytest.raises(InputError, match="plans 0 and 1 have other states"):
+        prolearn.plot([plan, other])
+
+
+def test_a_notebooks_figure_is_the_same_whatever_the_callers_matplotlib_is_set_to(plan):
+    usual = prolearn.plot(plan)._repr_png_()
+    with matplotlib.rc_context({"savefig.facecolor": "red", "grid.alpha": 0.1, "font.size": 20}):
+        assert prolearn.plot(plan)._repr_png_() == usual
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "burns"])

@@ -1,5 +1,9 @@
 """One look for all figures."""
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier, BrokenBarrierError
+
+import matplotlib
 import numpy as np
 import pytest
 from hostile import NAME, SEEN_NAME
@@ -74,6 +78,19 @@ def test_names_are_drawn_as_they_are(tmp_path):
     text = (tmp_path / "f.svg").read_text(encoding="utf-8")
     for name in (f"{SEEN_NAME} title", SEEN_NAME, f"{SEEN_NAME} seed", f"_{SEEN_NAME} legend"):
         assert f"<!-- {name} -->" in text
+
+
+def test_figures_drawn_in_threads_leave_the_callers_settings():
+    @in_style
+    def drawn(both):
+        with pytest.raises(BrokenBarrierError):  # no two draw at the same time
+            both.wait(0.2)
+        return matplotlib.rcParams["axes.grid"]
+
+    before = dict(matplotlib.rcParams)
+    with ThreadPoolExecutor(2) as threads:
+        assert all(threads.map(drawn, [Barrier(2)] * 2))
+    assert dict(matplotlib.rcParams) == before
 
 
 def test_powers_of_ten_are_drawn_without_a_formula(tmp_path):

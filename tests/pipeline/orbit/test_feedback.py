@@ -34,6 +34,13 @@ def flown():
     return states, controls, trials
 
 
+def test_what_is_left_of_corrected_errors_may_underflow():
+    with np.errstate(all="raise"):
+        problem = replace(PROBLEM, nodes=60, time_step=600.0)
+        flown = dispersion(np.zeros((2, 59, 3)), problem, Uncertainty(0.05, 5e-4), closed_loop=True)
+        assert np.all(flown.most_deviation(problem) > 0)
+
+
 def test_a_deviation_is_gone_after_two_intervals_where_these_are_left():
     problem = replace(PROBLEM, nodes=4)
     A, B = exact_step(problem.mean_motion, problem.time_step)
