@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite
-from numbers import Real
+from numbers import Integral, Real
 from reprlib import repr as brief
+from typing import Any
 
 
 class ProlearnError(Exception):
@@ -29,6 +30,14 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
 
 
+def check_whole(name: str, value: int, least: int, most: int) -> None:
+    """Refuse what is no whole number of a range with an InputError that names what it is of."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        low, high = map(_short, (least, most))
+        raise InputError(f"{name} is {brief(value)}; expected a whole number from {low} to {high}.")
+    check_range(name, value, least, most)
+
+
 def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
     """Refuse a vector of another size or with values that are not finite, by an InputError."""
     fine = isinstance(given, tuple | list) and len(given) == size
@@ -41,6 +50,21 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
     known = list(choices)
     if value not in known:
         raise InputError(f"{name} is {value!r}; expected {' or '.join(known)}.")
+
+
+def check_kind(name: str, value: object, kind: Any) -> None:
+    """Refuse a value of another class, or of none of a union, by an InputError."""
+    if not isinstance(value, kind):
+        wanted = " or ".join(one.__name__ for one in getattr(kind, "__args__", (kind,)))
+        raise InputError(
+            f"{name} is {brief(value)}; expected {wanted.replace('NoneType', 'None')}."
+        )
+
+
+def check_each(name: str, values: object, kind: type) -> None:
+    """Refuse what is no list or tuple of values of a class by an InputError."""
+    if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
+        raise InputError(f"{name} is {brief(values)}; expected a list of {kind.__name__}.")
 
 
 def _short(value: float | int) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_kind, check_range
 from pipeline.flight.conditions import Conditions, conditions_of, world_of
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
@@ -38,6 +38,8 @@ def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
     Raises:
         InputError: where the controls lead too far away.
     """
+    check_kind("plan", plan, Plan)
+    check_kind("conditions", conditions, Conditions | None)
     return effects(plan.scenario, plan.controls, _conditions(plan, conditions))
 
 
@@ -88,6 +90,8 @@ def monte_carlo(
         InputError: for a number of trials that nobody flies, or a plan that cannot be replanned,
             as that of a scenario with radii, obstacles or corridors.
     """
+    check_kind("plan", plan, Plan)
+    check_kind("errors", errors, Errors)
     asked = plan.scenario
     refuse_distance(asked, plan.controls)
     check_range("size", size, 0.0, FURTHEST)

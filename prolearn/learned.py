@@ -1,11 +1,12 @@
 """Datasets and registered models, which need the extra ``learn``."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.errors import InputError, check_choice, told_which_extra
+from pipeline.errors import InputError, check_choice, check_whole, told_which_extra
 from pipeline.scenario import SPLITS
+from pipeline.scenario.scenario import MOST_CRAFT
 from pipeline.text import public_url
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def read_dataset(
-    where: str | Path, n: int, split: str | None = None, columns: Sequence[str] | None = None
+    where: str | Path, n: int, split: str | None = None, columns: Iterable[str] | None = None
 ) -> "pa.Table":
     """Rows of a solved dataset, a folder or a URL, by swarm size; docs/dataset.md has the columns.
 
@@ -35,6 +36,10 @@ def read_dataset(
 
     if split is not None:
         check_choice("split", split, SPLITS)
+    check_whole("n", n, 1, MOST_CRAFT)
+    if isinstance(columns, str):
+        raise InputError(f"columns is {columns!r}; expected a list: give [{columns!r}].")
+    columns = None if columns is None else list(columns)
     for column in columns or ():
         check_choice("column", column, [field.name for field in SOLVED_FIELDS])
     rows = solved_rows(where, n, split, columns)
@@ -43,7 +48,7 @@ def read_dataset(
             f"{public_url(where)} has no rows of n={n} in its {split} split; expected some: sample "
             "more scenarios, into another folder."
         )
-    return rows if columns is None else rows.select(list(columns))
+    return rows if columns is None else rows.select(columns)
 
 
 def models() -> "list[ModelVersion]":

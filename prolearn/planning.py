@@ -1,10 +1,10 @@
 """Check and plan scenarios, and trade fuel against transfer time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from cli.jobs.planner import planner_of
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_each, check_kind
 from pipeline.expert.settings import Effort
 from pipeline.flight.conditions import Conditions, conditions_of, in_world
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
@@ -77,6 +77,7 @@ def plan(
     Raises:
         InputError: for formations that no transfer can start from or end in safely.
     """
+    check_kind("world", world, Conditions | bool)
     refuse_formations(scenario, allow_drift=allow_drift)
     if world:
         scenario = _in_world(scenario, world)
@@ -103,12 +104,14 @@ def _in_world(scenario: Scenario, world: Conditions | bool) -> Scenario:
     return in_world(scenario, conditions_of(scenario, None if world is True else world or None))
 
 
-def plan_all(scenarios: Sequence[Scenario], planner: str | Planner = "expert") -> list[Plan]:
+def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -> list[Plan]:
     """Plans of several scenarios of one problem, in order, far faster than one by one.
 
     Raises:
         InputError: where problems differ, or sizes for a network, and as in ``plan``.
     """
+    scenarios = list(scenarios)
+    check_each("scenarios", scenarios, Scenario)
     for one in scenarios:
         refuse_formations(one)
     return planner_from(planner).plan(scenarios)

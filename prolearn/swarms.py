@@ -9,7 +9,7 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_each
 from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -94,6 +94,10 @@ def scenario(
     Raises:
         InputError: naming the field that is missing or wrong.
     """
+    check_each("craft", craft, Spacecraft)
+    check_each("obstacles", obstacles, Obstacle)
+    check_each("corridors", corridors, Corridor)
+    check_each("waypoints", waypoints, Waypoint)
     about = {"altitude": altitude} if orbit is None else {"orbit": OrbitDocument.of(orbit)}
     fields = {
         **about,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from pipeline.arrays import Array, Float, Int
-from pipeline.errors import check_range
+from pipeline.errors import check_whole
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import MOST, NO_BURN, Uncertainty, correlation_root, navigation_roots
 from pipeline.orbit.problem import Problem
@@ -135,7 +135,7 @@ class Draws:
 
 def check_seed(seed: int) -> None:
     """Refuse a root seed out of range with an InputError."""
-    check_range("seed", seed, 0, SEEDS - 1)
+    check_whole("seed", seed, 0, SEEDS - 1)
 
 
 def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
@@ -145,6 +145,7 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     2011) has the numbers of trial k at a place of their own, so that any run of trials is drawn at
     once; the normal ones are by inversion.
     """
+    seed = int(seed)  # numpy's may be too short for what is added
     shapes = ((n, 6), (intervals, n, 6), (intervals, n, 3), (intervals, n), (intervals, n))
     sizes = [prod(shape) for shape in shapes]
     blocks = -(-sum(sizes) // 4)  # of four numbers, by which the counter counts

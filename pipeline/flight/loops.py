@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_whole
 from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
 from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
@@ -122,7 +122,7 @@ def fly_loops(
 
     InputError for no trials, more than MOST_TRIALS, or a seed that is none.
     """
-    check_range("trials", trials, 1, MOST_TRIALS)
+    check_whole("trials", trials, 1, MOST_TRIALS)
     check_seed(seed)
     found: dict[str, Trials] = {}
     for loop in loops:

@@ -12,6 +12,7 @@ those that are not safe are drawn again.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral
 
 import numpy as np
 
@@ -68,6 +69,7 @@ def draw_many(
     safe formation of n craft was found.
     """
     check_family(family)
+    seed, n, which = _integer(seed), _integer(n), [(split, _integer(k)) for split, k in which]
     if not 1 <= n <= MOST_CRAFT:
         raise InputError(f"n is {n}; expected 1 to {MOST_CRAFT} spacecraft.")
     for split, index in which:
@@ -88,6 +90,13 @@ def draw_many(
             name = scenario_id(family, seed, n, k, split)
             found.append(Scenario(problem, initial, goal, family, name))
     return found
+
+
+def _integer(given: int) -> int:
+    """A number as Python's, whose sums do not overflow; InputError for what is no whole one."""
+    if not isinstance(given, Integral):
+        raise InputError(f"seed, n or index is {given!r}; expected whole numbers.")
+    return int(given)
 
 
 def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:

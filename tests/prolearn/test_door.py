@@ -221,6 +221,19 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         (lambda p: prolearn.monte_carlo(p, 2, seed=-1), "seed is -1"),
         (lambda p: prolearn.monte_carlo(p, 2, size=-1.0), "size is -1"),
         (lambda p: prolearn.monte_carlo(p, 2, replan="expert", sigmas=-1.0), "sigmas is -1"),
+        (lambda p: prolearn.monte_carlo(p, 3.0), "trials is 3.0; expected a whole number"),
+        (lambda p: prolearn.monte_carlo(p, 2, errors="cold-gas"), "errors is 'cold-gas'; expected"),
+        (lambda p: prolearn.tradeoff(p.scenario, 1200, 1800, steps=3.0), "steps is 3.0; expected"),
+        (lambda p: prolearn.draw("rings", 0, 4.0, 0, prolearn.Problem()), "index is 4.0; expected"),
+        (lambda p: prolearn.plan(p.scenario, passive_safety="1"), "asked for over '1' orbits"),
+        (lambda p: prolearn.plan(p.scenario, world="yes"), "world is 'yes'; expected Conditions"),
+        (lambda p: prolearn.fly(p, 1), "conditions is 1; expected Conditions or None"),
+        (lambda p: swap(craft=None), "craft is None; expected a list of Spacecraft"),
+        (lambda p: swap(craft=[{}] * 6), "craft is .*; expected a list of Spacecraft"),
+        (lambda p: swap(obstacles=[1]), "obstacles is .1.; expected a list of Obstacle"),
+        (lambda p: prolearn.plan_all([1]), "scenarios is .1.; expected a list of Scenario"),
+        (lambda p: prolearn.read_dataset("ds", "3"), "n is '3'; expected a whole number"),
+        (lambda p: prolearn.read_dataset("ds", 3, columns="fuel"), "columns is 'fuel'; expected a"),
         (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),
     ],
 )
@@ -229,6 +242,17 @@ def test_what_makes_no_sense_is_a_sentence(plan, tmp_path, monkeypatch, ask, wor
     with pytest.raises(InputError, match=words):
         ask(plan)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_numpys_integers_and_any_iterable_of_scenarios_are_taken(plan):
+    flown = [prolearn.monte_carlo(plan, 2, seed=kind(1)) for kind in (int, np.int32, np.uint32)]
+    assert len({one.summaries for one in flown}) == 1
+    three, problem = np.uint8(3), prolearn.Problem()
+    drawn = prolearn.draw("rings", three, three, three, problem)
+    assert drawn.name == prolearn.draw("rings", 3, 3, 3, problem).name
+    planned = prolearn.plan_all((one for one in [plan.scenario]), "straight-line")
+    objects = np.array([plan.scenario], dtype=object)
+    assert len(planned) == len(prolearn.plan_all(objects, "straight-line")) == 1
 
 
 def test_formations_that_are_too_close_are_refused_by_all_that_plans():
