@@ -87,11 +87,11 @@ class Requirements:
                 f"separation is {self.separation!r}; expected continuous or nodes, to keep craft "
                 "apart at all times or at the nodes only."
             )
-        if self.passive_safety is not None and not (
-            is_number(self.passive_safety) and 0 < self.passive_safety <= MOST_ORBITS
-        ):
+        orbits = self.passive_safety
+        if orbits is not None and not (is_number(orbits) and 0 < orbits <= MOST_ORBITS):
+            given = f"{orbits:g}" if is_number(orbits) else repr(orbits)
             raise InputError(
-                f"passive safety is asked for over {self.passive_safety} orbits; expected a "
+                f"passive safety is asked for over {given} orbits; expected a "
                 f"number above 0 and at most {MOST_ORBITS:g}."
             )
         if self.risk is not None and not isinstance(self.risk, RiskLimit):

@@ -225,7 +225,7 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         (lambda p: prolearn.monte_carlo(p, 2, errors="cold-gas"), "errors is 'cold-gas'; expected"),
         (lambda p: prolearn.tradeoff(p.scenario, 1200, 1800, steps=3.0), "steps is 3.0; expected"),
         (lambda p: prolearn.draw("rings", 0, 4.0, 0, prolearn.Problem()), "index is 4.0; expected"),
-        (lambda p: prolearn.plan(p.scenario, passive_safety="1"), "asked for over 1 orbits"),
+        (lambda p: prolearn.plan(p.scenario, passive_safety="1"), "asked for over '1' orbits"),
         (lambda p: prolearn.plan(p.scenario, world="yes"), "world is 'yes'; expected Conditions"),
         (lambda p: prolearn.fly(p, 1), "conditions is 1; expected Conditions or None"),
         (lambda p: swap(craft=None), "craft is None; expected a list of Spacecraft"),
