@@ -48,9 +48,9 @@ def namespace(values: Any) -> Any:
 
 
 def fields_as_python(of: object) -> None:
-    """Make numpy's numbers and arrays, and lists, in the fields of a dataclass Python's and tuples.
+    """Convert a dataclass's fields from numpy to Python numbers, and arrays and lists to tuples.
 
-    Files, comparisons and hashes need them so.
+    Files, comparisons and hashes need these.
     """
     for name, given in vars(of).items():
         if (made := _as_python(given)) is not given:

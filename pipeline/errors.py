@@ -17,12 +17,12 @@ class InputError(ProlearnError):
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a real number, Python's or numpy's, and no boolean."""
+    """Whether a value is a real number, of Python or numpy; booleans are not."""
     return isinstance(value, float | Real) and not isinstance(value, bool)
 
 
 def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
-    """Refuse what is no number of a range with an InputError that names what it is of."""
+    """Raise InputError unless a value is a number within a range; ``name`` is the quantity."""
     if not is_number(value):
         raise InputError(f"{name} is {brief(value)}; expected a number from {least} to {most}.")
     if not least <= value <= most:
@@ -30,9 +30,14 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
 
 
+def is_whole(value: object) -> bool:
+    """Whether a value is an integer, of Python or numpy; booleans are not."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
 def check_whole(name: str, value: int, least: int, most: int) -> None:
-    """Refuse what is no whole number of a range with an InputError that names what it is of."""
-    if not isinstance(value, Integral) or isinstance(value, bool):
+    """Raise InputError unless a value is an integer within a range; ``name`` is the quantity."""
+    if not is_whole(value):
         low, high = map(_short, (least, most))
         raise InputError(f"{name} is {brief(value)}; expected a whole number from {low} to {high}.")
     check_range(name, value, least, most)
@@ -53,7 +58,7 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
 
 
 def check_kind(name: str, value: object, kind: Any) -> None:
-    """Refuse a value of another class, or of none of a union, by an InputError."""
+    """Raise InputError unless a value is an instance of a class or union of classes."""
     if not isinstance(value, kind):
         wanted = " or ".join(one.__name__ for one in getattr(kind, "__args__", (kind,)))
         raise InputError(
@@ -62,7 +67,7 @@ def check_kind(name: str, value: object, kind: Any) -> None:
 
 
 def check_each(name: str, values: object, kind: type) -> None:
-    """Refuse what is no list or tuple of values of a class by an InputError."""
+    """Raise InputError unless values are a list or tuple of instances of a class."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
         raise InputError(f"{name} is {brief(values)}; expected a list of {kind.__name__}.")
 

@@ -37,7 +37,7 @@ def make_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _named(name: object) -> Iterator[None]:
-    """In the block an OSError that names no file, as of a full disk, names this one."""
+    """Add a file's name to an OSError of the block that has none, as of a full disk."""
     try:
         yield
     except OSError as error:

@@ -109,7 +109,7 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
 
 
 def _alike(one: Scenario, other: Scenario) -> bool:
-    """Whether scenarios look the same in a figure, where goals have no order."""
+    """Whether scenarios have the same collision radius, starts, and goals in any order."""
     return (
         one.problem.collision_radius == other.problem.collision_radius
         and np.array_equal(one.initial, other.initial)
@@ -118,7 +118,7 @@ def _alike(one: Scenario, other: Scenario) -> bool:
 
 
 def _tracks(plans: Sequence[Plan]) -> Mapping[str, Float[Array, "n _ 3"]]:
-    """Positions along each plan, by its planner, and by its number where there are several."""
+    """Positions along each plan, by label: its planner, numbered where there are several."""
     seen: Counter[str] = Counter()
     tracks = {}
     for one in plans:

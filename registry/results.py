@@ -135,7 +135,7 @@ def latest(
     having: Mapping[str, str] | None = None,
     fits: Callable[[Run], bool] = lambda _: True,
 ) -> Run | None:
-    """The newest finished run of an experiment with some parameters that fits, or None."""
+    """Newest finished run of an experiment with given parameters that ``fits`` accepts, or None."""
     with opened(create=False) as store:
         return next(filter(fits, _finished(store, experiment, having)), None)
 

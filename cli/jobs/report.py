@@ -124,13 +124,13 @@ def _model_names(run: Run) -> list[str]:
 
 
 def _weights(run: Run) -> dict[str, str]:
-    """The beginning of each model's digest, by URI; empty for a run of an earlier version."""
+    """Shortened weight digest of each model by URI; empty for a run of an earlier version."""
     digests = filter(None, run.params.get("weights", "").split(","))
     return dict(zip(_model_names(run), digests, strict=False))
 
 
 def _alike(first: Run, other: Run) -> bool:
-    """Whether no URI is that of two models, as after one was deleted and another trained."""
+    """Whether no model URI has different weights in both runs, as after a deletion."""
     known = _weights(first)
     return all(known.get(uri, digest) == digest for uri, digest in _weights(other).items())
 

@@ -23,7 +23,7 @@ def summarize_times(times: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_minutes(times: pd.DataFrame) -> pd.DataFrame:
-    """Trials with their transfer times in minutes, without what rounding adds."""
+    """Add a column of transfer times in minutes, rounded to 1e-6."""
     return times.assign(minutes=_minutes(times).round(6))
 
 

@@ -75,9 +75,10 @@ def nominal_plans(
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
-    """The scenarios that are searched side by side: with limits of each craft, and without.
+    """Indices of the scenarios of each batch: with thrust limits of each craft, and without.
 
-    Where burns have a least size each is searched alone, as rounding decides which are dropped.
+    With a smallest impulse bit each scenario is a batch, as rounding decides which burns are
+    dropped.
     """
     each: dict[object, list[int]] = {}
     for k, scenario in enumerate(scenarios):

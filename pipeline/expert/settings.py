@@ -47,12 +47,12 @@ class Settings:
     solver: Literal["simplex", "clarabel"] = "simplex"
 
     def margin_at(self, separation: Float[Array, "*pairs"]) -> Float[Array, "*pairs"]:
-        """The margin of each pair that must be so far apart, m."""
+        """Margin beyond each pair's required separation, m, for that separation, m."""
         share = np.maximum(self.margin * separation / REFERENCE, LEAST_MARGIN)
         return np.asarray(np.minimum(self.margin, share))
 
     def looked_at(self, radius: float) -> float:
-        """The distance up to which pairs are cut, at a collision radius, m."""
+        """Largest separation of pairs that get cuts, m, for a collision radius, m."""
         return radius + self.look_ahead * min(1.0, radius / REFERENCE)
 
 

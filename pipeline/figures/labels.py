@@ -61,7 +61,7 @@ def ratios(low: float, high: float) -> str:
 
 
 def ratio_within(value: float, interval: tuple[float, float]) -> str:
-    """A ratio with its interval, where that exists."""
+    """Text of a ratio and its confidence interval; without the interval where it is NaN."""
     return ratio(value) if math.isnan(interval[0]) else f"{ratio(value)} {ratios(*interval)}"
 
 
@@ -72,7 +72,7 @@ def span(values: Iterable[float]) -> str:
 
 
 def told_apart(values: Iterable[float], least: int) -> dict[float, str]:
-    """Each number's text, all by as many significant digits as tell them apart, or the least.
+    """Text of each number, with as many significant digits as make all texts differ.
 
     >>> told_apart([60.0, 60.00001], 6)
     {60.0: '60', 60.00001: '60.00001'}

@@ -121,7 +121,7 @@ def file_name(name: str) -> str:
 
 
 def _joined(part: str) -> str:
-    """A paragraph, or each item of a list, on one line; a table or a figure as it is."""
+    """Join the lines of a Markdown paragraph or list item; tables and figures are unchanged."""
     if part.startswith(("|", "!")):
         return part
     items = part.split("\n- ") if part.startswith("- ") else [part]

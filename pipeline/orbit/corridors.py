@@ -141,7 +141,7 @@ class Corridor:
     craft: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Take numpy's numbers and lists of craft."""
+        """Convert numpy numbers and lists."""
         fields_as_python(self)
 
 

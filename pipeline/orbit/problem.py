@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import fields_as_python
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_range, is_whole
 from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
@@ -147,9 +147,9 @@ class Problem:
 
 
 def _whole(nodes: object) -> int:
-    """The number of nodes, of which 11.0 is one; InputError for what is none."""
+    """Number of nodes as an integer, also of 11.0; InputError for fractions and other types."""
     if isinstance(nodes, float) and nodes.is_integer():
         return int(nodes)
-    if not isinstance(nodes, int) or isinstance(nodes, bool):
+    if not isinstance(nodes, int) or not is_whole(nodes):
         raise InputError(f"nodes is {nodes!r}; expected a whole number of at least 3.")
     return nodes

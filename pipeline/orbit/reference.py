@@ -29,10 +29,9 @@ class Reference:
     argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
 
     def __post_init__(self) -> None:
-        """Refuse an epoch without a zone, and angles that are none."""
+        """Refuse an epoch without a time zone, and angles that are not finite numbers."""
         epoch = self.epoch
-        aware = isinstance(epoch, datetime) and epoch.utcoffset() is not None
-        if not aware or not YEARS[0] < epoch.year < YEARS[1]:
+        if not is_epoch(epoch):
             raise InputError(
                 f"epoch is {epoch}; expected a datetime with its zone, between {YEARS[0]} and "
                 f"{YEARS[1]}: give UTC."
@@ -44,6 +43,13 @@ class Reference:
             if not (is_number(angle) and isfinite(angle)):
                 raise InputError(f"{name} is {angle!r}; expected a finite number of degrees.")
             object.__setattr__(self, name, float(angle))
+
+
+def is_epoch(given: object) -> bool:
+    """Whether a value is a date and time with a time zone, in the years that are accepted."""
+    if not isinstance(given, datetime) or given.utcoffset() is None:
+        return False
+    return YEARS[0] < given.year < YEARS[1]
 
 
 def mean_motion_at(altitude: float) -> float:

@@ -35,7 +35,7 @@ def check_elements(of: Any) -> None:
 def check_drag(
     ballistic: float | None, spread: float, names: tuple[str, str] = ("ballistic", "spread")
 ) -> None:
-    """Refuse drag out of range; ``names`` are what the person who gives it calls the two."""
+    """Refuse drag out of range; ``names`` are those of both values in the message."""
     check_range(names[1], spread, 0.0, 1.0)
     if ballistic is not None and not 0 < ballistic <= MOST_BALLISTIC:
         raise InputError(

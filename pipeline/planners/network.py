@@ -160,7 +160,7 @@ def _written(value: float | int | ReferenceOrbit | None) -> str:
 
 
 def _separation(scenario: Scenario) -> float:
-    """The separation that a network plans with, m: of the two largest craft, or r_col if less."""
+    """Separation that a network plans with, m: the two largest radii, but at most r_col."""
     radius = scenario.problem.collision_radius
     return min(radius, float(np.sort(scenario.radii)[-2:].sum())) if scenario.n > 1 else radius
 

@@ -12,12 +12,11 @@ those that are not safe are drawn again.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from numbers import Integral
 
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError
+from pipeline.errors import InputError, is_whole
 from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
@@ -93,8 +92,8 @@ def draw_many(
 
 
 def _integer(given: int) -> int:
-    """A number as Python's, whose sums do not overflow; InputError for what is no whole one."""
-    if not isinstance(given, Integral):
+    """Python integer of a Python or numpy integer, as numpy's overflow; InputError for others."""
+    if not is_whole(given):
         raise InputError(f"seed, n or index is {given!r}; expected whole numbers.")
     return int(given)
 

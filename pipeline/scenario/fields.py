@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat
 from pydantic_core import to_jsonable_python
 
-from pipeline.orbit.reference import YEARS
+from pipeline.orbit.reference import is_epoch
 
 
 def one_of(**fields: str) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def utc(given: Any) -> datetime:
         epoch = datetime.fromisoformat(given)
     except (TypeError, ValueError):
         epoch = None
-    if epoch is None or epoch.tzinfo is None or not YEARS[0] < epoch.year < YEARS[1]:
+    if epoch is None or not is_epoch(epoch):
         raise ValueError("give date, time and zone by ISO 8601, such as 2026-03-01T12:00:00Z")
     return epoch.astimezone(UTC)
 

@@ -173,7 +173,7 @@ class Scenario:
 
 
 def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
-    """The states at an end as an array; InputError for what is none, or is out of range."""
+    """Copy of the states at an end as a float array; InputError if malformed or out of range."""
     try:
         if isinstance(given, np.ndarray) and given.dtype.kind == "c":
             raise TypeError("they are complex")

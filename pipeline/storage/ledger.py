@@ -103,7 +103,7 @@ class Ledger(Generic[Kind]):
         self.timed = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
-        self._outgrown: dict[str, str] = {}  # digests of sound shards that others shall replace
+        self._outgrown: dict[str, str] = {}  # digests of intact shards to be overwritten
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._not_before = -float("inf")
 
@@ -170,7 +170,7 @@ class Ledger(Generic[Kind]):
         return True
 
     def outgrow(self, name: str) -> None:
-        """Have a sound shard replaced by the next of its name, and not set aside."""
+        """Mark an intact shard to be overwritten by a longer one, not set aside as damaged."""
         self._outgrown[name] = self.shards[name]
 
     def drop(self, names: Iterable[str]) -> None:
@@ -206,9 +206,9 @@ class Written:
 def write(
     folder: Folder, name: str, content: bytes, progress: Progress, outgrown: str = ""
 ) -> Written:
-    """Write a shard, unless it is there; what else is in its place is set aside.
+    """Write a shard, unless it is there; another file of its name is set aside as damaged.
 
-    The shard of the digest ``outgrown`` is replaced.
+    A file of the digest ``outgrown`` is overwritten instead.
     """
     digest, there = digest_of(content), folder.exists(name)
     if not (there and _holds(folder, name, digest)):

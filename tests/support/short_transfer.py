@@ -1,4 +1,4 @@
-"""The default transfer on a coarser time grid, for tests in which the grid does not matter."""
+"""The default transfer with 5 control intervals, for tests that do not depend on the time grid."""
 
 from pipeline.orbit.problem import Problem
 

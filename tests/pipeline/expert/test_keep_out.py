@@ -157,7 +157,7 @@ PASSING = Scenario(
 
 @pytest.mark.parametrize("name", ["expert", "refiner"])
 def test_small_radii_cost_what_a_small_collision_radius_does(name):
-    """Craft of 2 m beside a collision radius of 15 m, which asks nothing of them."""
+    """Radii of 2 m override a collision radius of 15 m: fuel is as with one of 4 m."""
     own = replace(PASSING, craft=(Spacecraft(radius=2.0),) * 2)
     same = replace(PASSING, problem=replace(PASSING.problem, collision_radius=4.0))
     by_radii, by_default = planned(own, name=name), planned(same, name=name)
