@@ -18,6 +18,7 @@ from pipeline.tradeoff import tradeoff as planned_for
 
 def check(scenario: Scenario) -> list[Diagnostic]:
     """All that is wrong with a scenario, by how much, and what is fine."""
+    check_kind("scenario", scenario, Scenario)
     return diagnostics(scenario)
 
 
@@ -77,6 +78,7 @@ def plan(
     Raises:
         InputError: for formations that no transfer can start from or end in safely.
     """
+    check_kind("scenario", scenario, Scenario)
     check_kind("world", world, Conditions | bool)
     refuse_formations(scenario, allow_drift=allow_drift)
     if world:
@@ -141,6 +143,7 @@ def tradeoff(
     Raises:
         InputError: for a range without a whole number of arcs, and as in ``plan``.
     """
+    check_kind("scenario", scenario, Scenario)
     refuse_formations(scenario)
     arcs = arcs_between(shortest, longest, scenario.problem.time_step, steps)
     return planned_for(scenario, arcs, planner_from(planner), goal)

@@ -9,11 +9,11 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError, check_each
+from pipeline.errors import InputError
 from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import Reference
+from pipeline.orbit.reference import Reference, is_epoch
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
@@ -94,10 +94,6 @@ def scenario(
     Raises:
         InputError: naming the field that is missing or wrong.
     """
-    check_each("craft", craft, Spacecraft)
-    check_each("obstacles", obstacles, Obstacle)
-    check_each("corridors", corridors, Corridor)
-    check_each("waypoints", waypoints, Waypoint)
     about = {"altitude": altitude} if orbit is None else {"orbit": OrbitDocument.of(orbit)}
     fields = {
         **about,
@@ -113,10 +109,10 @@ def scenario(
     return replace(
         made,
         problem=replace(made.problem, thrust=thrust),
-        craft=tuple(craft),
-        obstacles=tuple(obstacles),
-        corridors=tuple(corridors),
-        waypoints=tuple(waypoints),
+        craft=craft,
+        obstacles=obstacles,
+        corridors=corridors,
+        waypoints=waypoints,
         reference=reference,
     )
 
@@ -163,8 +159,8 @@ def scenario_from_files(
         InputError: naming the file, and what is wrong with it.
     """
     grid = Problem(Problem.mean_motion, time_step, nodes, collision_radius, max_acceleration)
-    if epoch is not None and epoch.tzinfo is None:
-        raise InputError(f"epoch is {epoch.isoformat()}; expected a time with its zone: give UTC.")
+    if epoch is not None and not is_epoch(epoch):
+        raise InputError(f"epoch is {epoch}; expected a datetime with its time zone, such as UTC.")
     made = scenario_from_inertial(
         read_inertial(Path(initial)),
         read_inertial(Path(goal)),
@@ -176,7 +172,7 @@ def scenario_from_files(
         spread=spread,
     )
     problem = replace(made.problem, thrust=thrust)
-    return replace(made, problem=problem, name=name, craft=tuple(craft))
+    return replace(made, problem=problem, name=name, craft=craft)
 
 
 def _end(given: Any) -> Any:

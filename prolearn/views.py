@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, told_which_extra
+from pipeline.errors import InputError, check_kind, told_which_extra
 from pipeline.figures.labels import label_name
 from pipeline.figures.style import in_style, save
 from pipeline.figures.transfer import Example, transfer_figure
@@ -73,6 +73,7 @@ class Plot:
 
 def show(plan: Plan, name: str = "plan") -> Page:
     """A page of a plan: paths with a slider, separations, controls, certificate, found anew."""
+    check_kind("plan", plan, Plan)
     return Page(page(plan, name)[0])
 
 

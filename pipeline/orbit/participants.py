@@ -53,17 +53,13 @@ class Obstacle:
     def __post_init__(self) -> None:
         """Refuse what is no obstacle."""
         fields_as_python(self)
+        check_vector(f"state of obstacle {self.name!r}", self.state, 6)
         object.__setattr__(self, "state", tuple(map(float, self.state)))
         if (self.radius is None) == (self.semi_axes is None):
             raise InputError(f"obstacle {self.name!r} needs one of radius and semi_axes, m.")
         check_vector(f"semi_axes of obstacle {self.name!r}", self.axes)
         for one in self.axes:
             check_range(f"size of obstacle {self.name!r}", one, *RANGES["collision_radius"])
-        if len(self.state) != 6 or not np.isfinite(self.state).all():
-            raise InputError(
-                f"obstacle {self.name!r} has the state {self.state}; expected six finite numbers "
-                "x y z vx vy vz in m and m/s."
-            )
         if self.hold and any(self.state[3:]):
             raise InputError(
                 f"obstacle {self.name!r} is held and has a velocity; expected a position alone."

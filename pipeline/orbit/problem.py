@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import fields_as_python
-from pipeline.errors import InputError, check_range, is_whole
+from pipeline.errors import InputError, check_kind, check_range, is_whole
 from pipeline.orbit.dynamics import ClohessyWiltshire, Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
@@ -59,13 +59,13 @@ class Problem:
         fields_as_python(self)
         object.__setattr__(self, "nodes", _whole(self.nodes))
         check_mean_motion(self.mean_motion)
+        check_kind("orbit", self.orbit, ReferenceOrbit | None)
         if self.orbit is not None and self.mean_motion != self.orbit.mean_motion:
             raise InputError(
                 f"mean_motion is {self.mean_motion:.9g} rad/s; expected that of its orbit, "
                 f"{self.orbit.mean_motion:.9g} rad/s: use about."
             )
-        if not isinstance(self.thrust, Thrust):
-            raise InputError(f"thrust is {self.thrust!r}; expected Thrust, such as Thrust('norm').")
+        check_kind("thrust", self.thrust, Thrust)
         for name, (least, most) in RANGES.items():
             value = getattr(self, name)
             if name == "max_acceleration" and value is None:

@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_choice, check_each, check_kind
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import OfCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
@@ -25,7 +25,12 @@ MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
 FURTHEST, FASTEST = 1e9, 1e6
 RELATIVE = 0.1  # share of the reference orbit's radius beyond which no motion is relative
 
-
+PARTS = {
+    "craft": Spacecraft,
+    "waypoints": Waypoint,
+    "obstacles": Obstacle,
+    "corridors": Corridor,
+}
 Ends = Literal["passive", "any"]
 
 
@@ -44,7 +49,8 @@ class Scenario:
         craft: of each craft what it has of its own; empty where all are alike.
         waypoints: places that craft must pass on their way, in the order of each craft.
         obstacles: what craft keep clear of and no plan moves.
-        corridors: boxes and approach cones that craft stay inside of for some time.
+        corridors: boxes and approach cones that craft stay inside of for some time. These four
+            become tuples.
     """
 
     problem: Problem
@@ -54,13 +60,18 @@ class Scenario:
     name: str = ""
     reference: Reference | None = None
     ends: Ends = "passive"
-    craft: tuple[Spacecraft, ...] = ()
-    waypoints: tuple[Waypoint, ...] = ()
-    obstacles: tuple[Obstacle, ...] = ()
-    corridors: tuple[Corridor, ...] = ()
+    craft: Sequence[Spacecraft] = ()
+    waypoints: Sequence[Waypoint] = ()
+    obstacles: Sequence[Obstacle] = ()
+    corridors: Sequence[Corridor] = ()
 
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
+        check_kind("problem", self.problem, Problem)
+        check_choice("ends", self.ends, get_args(Ends))
+        for name, kind in PARTS.items():
+            check_each(name, getattr(self, name), kind)
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         for end in ("initial", "goal"):
             states = _states(end, getattr(self, end), self.problem.mean_motion)
             object.__setattr__(self, end, states)

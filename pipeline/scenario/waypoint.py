@@ -7,7 +7,7 @@ from itertools import combinations, groupby
 import numpy as np
 
 from pipeline.arrays import fields_as_python
-from pipeline.errors import InputError, check_range, check_vector
+from pipeline.errors import InputError, check_range, check_vector, is_whole
 from pipeline.orbit.arrays import States, Values
 from pipeline.orbit.problem import Problem
 
@@ -33,8 +33,10 @@ class Waypoint:
     time: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that position, velocity and time are finite; InputError where they are not."""
+        """Refuse a craft that is no number of one, and what is not finite, with an InputError."""
         fields_as_python(self)
+        if not is_whole(self.craft):
+            raise InputError(f"craft of a waypoint is {self.craft!r}; expected a craft's number.")
         for name in ("position", "velocity"):
             if (value := getattr(self, name)) is not None:
                 check_vector(f"{name} of a waypoint", value)

@@ -30,6 +30,7 @@ def plan():
 
 
 AXES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+BOX = prolearn.Box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 NAN = float("nan")
 NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 
@@ -46,6 +47,21 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.Obstacle("o", (0,) * 6, semi_axes=(1, 2)), "semi_axes of obstacle 'o'"),
         (lambda: prolearn.Thrust(objective="least"), "objective is 'least'; expected total or"),
         (lambda: replace(swap().problem, thrust="norm"), "thrust is 'norm'; expected Thrust"),
+        (lambda: replace(swap().problem, orbit=7e6), "orbit is 7000000.0; expected ReferenceOrbit"),
+        (lambda: prolearn.Waypoint(1.5, (0, 0, 0)), "craft of a waypoint is 1.5; expected a"),
+        (lambda: prolearn.Obstacle("o", 5, 3), "state of obstacle 'o' is 5; expected 6 finite"),
+        (lambda: prolearn.Corridor((0, 1), 0, 60), "inside of a corridor is .*expected Box"),
+        (lambda: prolearn.Corridor(BOX, "0", 60), "begin of a corridor is '0'; expected a number"),
+        (lambda: prolearn.Corridor(BOX, 0, 60, 2), "craft of a corridor is 2; expected craft's"),
+        (lambda: replace(swap(), problem=1), "problem is 1; expected Problem"),
+        (lambda: replace(swap(), ends="free"), "ends is 'free'; expected passive or any"),
+        (lambda: replace(swap(), craft=[1]), "craft is .1.; expected a list of Spacecraft"),
+        (lambda: replace(swap(), waypoints=1), "waypoints is 1; expected a list of Waypoint"),
+        (lambda: prolearn.plan(swap().initial), "scenario is array.*; expected Scenario"),
+        (lambda: prolearn.check({}), "scenario is {}; expected Scenario"),
+        (lambda: prolearn.tradeoff(None, 1200, 1440), "scenario is None; expected Scenario"),
+        (lambda: prolearn.show(swap()), "plan is Scenario.*; expected Plan"),
+        (lambda: prolearn.scenario_from_files("a", "b", epoch=5), "epoch is 5; expected a date"),
         (lambda: prolearn.plan(swap(), risk=1e-3), "risk is 0.001; expected a RiskLimit"),
         (lambda: prolearn.tradeoff(swap(), NAN, 1200), "duration is nan to 1200 s"),
         (lambda: Reference(NOON.replace(tzinfo=None), 51.6, 0, 0), "12:00:00; expected a datetime"),
