@@ -174,9 +174,9 @@ def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Fi
         ax.plot(x, y, "o", color=blue, markersize=9, label="knee")
         beside: dict[str, Any] = {"xytext": (10, 10), "textcoords": "offset points"}
         ax.annotate(f"knee: {x:g} min, {y:.3g} m/s", (x, y), color=blue, **beside)
-    low_thrust = [p.duration / 60 for p in points if p.plan.status == INFEASIBLE]
+    infeasible = [p.duration / 60 for p in points if p.plan.status == INFEASIBLE]
     failed = [p.duration / 60 for p in points if not p.safe and p.plan.status != INFEASIBLE]
-    marked = {"thrust limit too low": ("X", low_thrust), "no safe plan": ("x", failed)}
+    marked = {"proven infeasible": ("X", infeasible), "no safe plan": ("x", failed)}
     for label, (marker, times) in marked.items():
         if times:
             drawn: dict[str, Any] = {"marker": marker, "markersize": 7, "linestyle": "none"}
@@ -190,7 +190,8 @@ def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Fi
     ax.fill_between(minutes, bounds, low, color="#e8e8e8", linewidth=0, label=label)
     ax.set_ylim(low, high)
     ax.set_xlabel("transfer time (min)")
-    ax.set_ylabel("Δv, Σ‖u‖₁Δt (m/s)")
+    total = points[0].plan.scenario.problem.thrust.total
+    ax.set_ylabel(f"Δv, {total} · Δt (m/s)")
     ax.set_title(title)
     ax.legend()
     return figure

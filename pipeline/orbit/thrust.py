@@ -74,6 +74,12 @@ class Thrust:
         return cls(**fields)
 
     @property
+    def total(self) -> str:
+        """What a plan's fuel adds up over craft and intervals, in words."""
+        sums = {COMPONENTS: "Σ‖u‖₁", NORM: "Σ‖u‖₂"}
+        return sums[self.model] if isinstance(self.model, str) else "sum of all thrusts"
+
+    @property
     def directions(self) -> Float[Array, "K 3"] | None:
         """Unit vectors of thrusters; None of one that is pointed."""
         if self.model == COMPONENTS:

@@ -110,9 +110,8 @@ def motion(plan: Plan) -> str:
 
 
 def _fuel(scenario: Scenario) -> str:
-    kinds = {COMPONENTS: "Fuel Σ‖u‖₁ (Eq. 4)", NORM: "Fuel Σ‖u‖₂"}
-    model = scenario.problem.thrust.model
-    return kinds[model] if isinstance(model, str) else "Fuel, sum of all thrusts"
+    thrust = scenario.problem.thrust
+    return f"Fuel, {thrust.total}" + " (Eq. 4)" * (thrust.model == COMPONENTS)
 
 
 def _thrust_rows(found: Certificate) -> Rows:

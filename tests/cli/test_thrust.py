@@ -45,7 +45,7 @@ def test_what_is_given_stands_in_the_file_and_is_planned_shown_and_explained(pro
     told(prolearn, "show", "p.json", "--out", "p.html")
     page = (tmp_path / "p.html").read_text()
     assert f"{share['share']:.3%}, of craft {share['craft']}" in page
-    assert "Fuel Σ‖u‖₂" in page and "300 to 500 s, 0 to 50 s" in page and "3 m/s in all" in page
+    assert "Fuel, Σ‖u‖₂" in page and "300 to 500 s, 0 to 50 s" in page and "3 m/s in all" in page
     told(prolearn, "convert", "p.json", "--to", "csv")
 
 

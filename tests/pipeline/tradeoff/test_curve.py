@@ -11,11 +11,12 @@ from pipeline.errors import InputError
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch
+from pipeline.orbit.thrust import Thrust
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw
 from pipeline.scenario.waypoint import Waypoint
-from pipeline.tradeoff import arcs_between, tradeoff, with_arcs
+from pipeline.tradeoff import arcs_between, tradeoff, tradeoff_figure, with_arcs
 
 SCENARIO = draw("rings", 5, 6, 0, Problem(), "valid")
 
@@ -86,3 +87,34 @@ def test_more_arcs_of_one_length_never_need_more_for_a_goal_that_waits():
     points = tradeoff(SCENARIO, range(3, 20), Expert(), "moving")
     bounds = [point.delta_v_lower_bound for point in points]
     assert all(np.diff(bounds) <= 1e-9 * bounds[0])
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ("components", "Δv, Σ‖u‖₁ · Δt (m/s)"),
+        ("norm", "Δv, Σ‖u‖₂ · Δt (m/s)"),
+        (
+            (
+                (1.0, 0.0, 0.0),
+                (-0.8, 0.6, 0.0),
+                (-0.8, -0.6, 0.0),
+                (0.0, 0.0, 1.0),
+                (0.0, 0.0, -1.0),
+            ),
+            "Δv, sum of all thrusts · Δt (m/s)",
+        ),
+    ],
+)
+def test_a_figure_names_the_sum_that_it_shows_and_no_limit_that_is_none(model, words):
+    problem = Problem(thrust=Thrust(model))
+    box = Box((-50.0, -50.0, -50.0), (50.0, 50.0, 50.0))
+    scenario = draw("rings", 5, 2, 0, problem, "valid")
+    points = tradeoff(scenario, [10, 12], Expert())
+    ax = tradeoff_figure(points, None, "fine").axes[0]
+    assert ax.get_ylabel() == words
+    scenario = replace(scenario, corridors=[Corridor(box, 0.0, 120.0)])
+    points = tradeoff(scenario, [10, 12], Expert())
+    assert [point.plan.status for point in points] == ["infeasible"] * 2
+    legend = tradeoff_figure(points, None, "outside a corridor").axes[0].get_legend()
+    assert "proven infeasible" in [text.get_text() for text in legend.get_texts()]
