@@ -96,8 +96,8 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     if not numbers or min(numbers) < least or max(numbers) > GREATEST_LISTED:
         given = text if len(text) < 40 else f"{text[:20]}..."
         raise InputError(
-            f"{option} is {given!r}; expected whole numbers from {least}, such as 10, 2,10,30 or "
-            "2..30."
+            f"{option} is {given!r}; expected whole numbers from {least} to {GREATEST_LISTED}, "
+            "such as 10, 2,10,30 or 2..30."
         )
     return sorted(numbers)
 
@@ -113,8 +113,9 @@ def numbers(text: str, option: str) -> Sequence[float]:
 
 
 def name_list(text: str | None) -> Sequence[str]:
-    """Names written as one,two,three."""
-    return [name.strip() for name in (text or "").split(",") if name.strip()]
+    """Names written as one,two,three, each once."""
+    names = (name.strip() for name in (text or "").split(","))
+    return [*dict.fromkeys(filter(None, names))]
 
 
 def planners() -> list[str]:

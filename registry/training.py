@@ -40,6 +40,7 @@ CURVES = ("train_loss", "valid_loss")
 NEEDED = ("arch", "recipe", "dataset", "dataset_digest", "train_instances", "valid_instances")
 """Parameters without which no training can be recorded."""
 
+ALL = "all"  # instances that were mixed, where all were in memory
 RECORD = "training.json"  # file with the record, beside a network that is kept
 LATEST = 2**63 - 1  # latest time that a store keeps, ms
 
@@ -83,6 +84,7 @@ def record_of(
             "seed": seed,
             "device": trained.device,
             "threads": trained.threads,
+            "mixed": ALL if trained.mixed is None else trained.mixed,
             "n_spacecraft": trained.model.n_train,
             "dataset": dataset.path,
             "dataset_digest": dataset.digest,

@@ -10,9 +10,11 @@ import pandas as pd
 from cli.jobs import training
 from cli.settings import TrainingSettings
 from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.reading import buffer_of
 from pipeline.errors import InputError
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.device import torch_device
+from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import made_with
@@ -23,7 +25,7 @@ from registry.entities import recorded
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import ModelVersion
 from registry.store import connect
-from registry.training import DatasetInfo, record_training
+from registry.training import ALL, DatasetInfo, record_training
 
 SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a training run
 
@@ -41,25 +43,30 @@ def trained_before(
 ) -> tuple[ModelVersion, Contest | None] | None:
     """The newest version trained by this code with the same recipe, seed and data, if any.
 
-    It counts for a device that the settings name only if it was trained there. Where its training
+    It counts only if its data streamed, or did not, as they would now, and for a device that the
+    settings name only if it was trained there. Where its training
     was killed before it was compared with the champion, it is now, and the outcome is returned.
     Progress is told of a version trained by other versions of the code. InputError for unknown
     names.
     """
+    recipe, manifest = training.followed_recipe(arch, seed, settings), read_manifest(settings.data)
     wanted = {
-        **models.recipe_params(training.followed_recipe(arch, seed, settings)),
+        **models.recipe_params(recipe),
         "arch": arch,
         "seed": seed,
         "n_spacecraft": settings.n,
-        "dataset_digest": read_manifest(settings.data).digest(settings.n),
+        "dataset_digest": manifest.digest(settings.n),
     }
     connect()
     same = recorded(wanted).items()
+    buffer = buffer_of(settings.memory * 1e9, settings.n, manifest.problem)
     kind = "" if settings.device == "auto" else torch_device(settings.device).type
     found = [
         (version, changed_since(version.tags, TRAINED_BY))
         for version in models.list_versions()
-        if same <= version.params.items() and version.params.get("device", "").startswith(kind)
+        if same <= version.params.items()
+        and version.params.get("device", "").startswith(kind)
+        and version.params.get("mixed") == _mixed(version, recipe, buffer)
     ]
     current = [version for version, change in found if not change]
     if not current:
@@ -74,6 +81,12 @@ def trained_before(
     model, _ = models.load(version)
     trials = training.validation_trials(model, settings.data, version.n)
     return version, challenge(version, trials, settings.data)
+
+
+def _mixed(version: ModelVersion, recipe: Recipe, buffer: int) -> str:
+    """The parameter ``mixed`` of a version, if its data were read again with such a buffer."""
+    of_dataset = int(version.params["train_instances"]) - recipe.crowded
+    return ALL if recipe.draws or of_dataset <= buffer else str(buffer)
 
 
 def train_model(
@@ -169,7 +182,8 @@ def promote(
         better, reason = _compared(version, mine, champion, where)
     except InputError as error:
         raise InputError(
-            f"{version.label} and the champion, version {champion.version}, cannot be compared "
+            f"version {version.version} of {version.name} and the champion, version "
+            f"{champion.version}, cannot be compared "
             f"({str(error).rstrip('.')}); expected a dataset that both fit: give --data, or "
             "--force."
         ) from error

@@ -122,7 +122,7 @@ def examples_within(
     shards = _shards(folder, manifest, n, split)
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
     count = sum(len(_chosen(table, split)) for table in tables)
-    buffer = max(1, int(memory / (COPIES * bytes_of_one(n, manifest.problem))))
+    buffer = buffer_of(memory, n, manifest.problem)
     if count <= buffer:
         return examples(where, n, split)
 
@@ -131,6 +131,11 @@ def examples_within(
         return _examples(table, n, split)
 
     return ExampleStream(manifest.problem, n, count, buffer, len(shards), read)
+
+
+def buffer_of(memory: float, n: int, problem: Problem) -> int:
+    """Instances of n craft that may be held at once, by bytes of memory."""
+    return max(1, int(memory / (COPIES * bytes_of_one(n, problem))))
 
 
 def bytes_of_one(n: int, problem: Problem) -> int:

@@ -157,13 +157,16 @@ class PairedComparison:
 def compare(
     first: pd.DataFrame, second: pd.DataFrame, fuel: str = "fuel_ratio"
 ) -> PairedComparison:
-    """Compare two planners on the trials of both, by each trial's mean of safe and ``fuel``."""
+    """Compare two planners on the trials of both, by each trial's mean of safe and ``fuel``.
+
+    Of fuel those count in which both have some.
+    """
     one, other = (
         rows.assign(safe=rows["safe"].astype(float)).groupby("trial")[["safe", fuel]].mean()
         for rows in (first, second)
     )
-    differences = (one - other).dropna()
-    safe, cost = (differences[column].to_numpy(dtype=float) for column in ("safe", fuel))
+    differences = (one - other).dropna(subset="safe")
+    safe, cost = (differences[column].dropna().to_numpy(dtype=float) for column in ("safe", fuel))
     fewer = min((safe > 0).sum(), (safe < 0).sum())
     chance = min(1.0, 2 * special.bdtr(fewer, (safe != 0).sum(), 0.5))  # the sign test
     shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))

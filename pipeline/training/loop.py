@@ -14,7 +14,7 @@ from torch.optim.lr_scheduler import CosineAnnealingLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from pipeline.arrays import Float
-from pipeline.dataset.examples import ExampleSource
+from pipeline.dataset.examples import ExampleSource, ExampleStream
 from pipeline.errors import ProlearnError
 from pipeline.networks.architecture import Architecture, find
 from pipeline.networks.device import torch_device
@@ -50,6 +50,7 @@ class Trained:
     seconds: float
     device: str
     threads: int = 1
+    mixed: int | None = None  # instances that batches were drawn from at once; None: all, in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +138,8 @@ def train(
         history, best = _improve(objective, *data, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
-    return Trained(model, history, best, seconds, str(where), torch.get_num_threads())
+    mixed = train.buffer if isinstance(train, ExampleStream) and not train.endless else None
+    return Trained(model, history, best, seconds, str(where), torch.get_num_threads(), mixed)
 
 
 def _improve(

@@ -8,7 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from cli.main import app
-from cli.options import with_settings
+from cli.options import int_list, name_list, with_settings
 from cli.settings import (
     Evaluation,
     FlightConditions,
@@ -21,6 +21,7 @@ from cli.settings import (
     TuningSettings,
     WarmStarts,
 )
+from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 
 
@@ -77,3 +78,13 @@ def test_an_error_of_0_is_one_that_is_given():
     limit = RiskSettings(asked=0.1, navigation_sigma=0.2, velocity_sigma=0.0).limit()
     assert limit is not None
     assert limit.uncertainty(Problem()).velocity == 0
+
+
+def test_names_and_numbers_of_a_list_count_once():
+    assert name_list(" ff1,ff2, ff1,,") == ["ff1", "ff2"]
+    assert int_list("3,1..3,2", "--seed", least=0) == [1, 2, 3]
+
+
+def test_a_number_that_is_too_large_is_told_the_largest():
+    with pytest.raises(InputError, match=r"--seed is '99999999999'; .* from 0 to 4294967296, such"):
+        int_list("99999999999", "--seed", least=0)

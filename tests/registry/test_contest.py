@@ -110,3 +110,17 @@ def test_what_was_trained_on_another_device_was_not_trained_on_this_one(
         database.execute("UPDATE params SET value = 'cuda:0' WHERE key = 'device'")
     assert trained_before("ff1", 0, how) is None
     assert trained_before("ff1", 0, replace(how, device="auto"))[0].version == version.version
+
+
+def test_what_was_trained_from_data_that_streamed_was_not_trained_from_all_of_them(
+    folder: Path, solved: Path
+) -> None:
+    how = TrainingSettings(data=str(solved), n=3, epochs=1, device="cpu")
+    streaming = replace(how, memory=1e-5)  # 10 kB, of a few instances
+    whole, _ = train_model("ff1", 0, how)
+    assert trained_before("ff1", 0, how)[0].version == whole.version
+    assert trained_before("ff1", 0, streaming) is None
+    streamed, _ = train_model("ff1", 0, streaming)
+    assert whole.params["mixed"] == "all" and int(streamed.params["mixed"]) > 0
+    assert trained_before("ff1", 0, streaming)[0].version == streamed.version
+    assert trained_before("ff1", 0, replace(how, memory=1.0))[0].version == whole.version

@@ -62,6 +62,7 @@ def test_a_run_tells_its_whole_story(project: Project) -> None:
     assert params["learning_rate"] == str(project.recipe.learning_rate)
     assert params["dataset_digest"] == project.dataset.digest
     assert params["train_instances"] == "20" and params["device"] == "cpu"
+    assert params["mixed"] == "all"
     # dense layers 108 -> 180 -> 108 for 3 craft, 6 nodes, 6 components
     assert params["parameters"] == str(108 * 180 + 180 + 180 * 108 + 108)
     history = project.trained.history

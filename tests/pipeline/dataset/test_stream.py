@@ -153,11 +153,12 @@ def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
 
 def test_networks_learn_as_well_from_a_stream_as_from_memory(folder):
     recipe, losses = replace(recipe_for("ff1", "tuned"), epochs=8), []
-    for train_on, valid in (
-        (examples(folder, 3, "train"), examples(folder, 3, "valid")),
-        (streamed(folder), streamed(folder, "valid", 5)),
+    for train_on, valid, mixed in (
+        (examples(folder, 3, "train"), examples(folder, 3, "valid"), None),
+        (streamed(folder), streamed(folder, "valid", 5), streamed(folder).buffer),
     ):
         trained = train("ff1", recipe, train_on, valid, device="cpu")
+        assert trained.mixed == mixed
         losses.append([epoch.valid_loss for epoch in trained.history])
     whole, stream = losses
     assert stream[-1] < 0.95 * stream[0]

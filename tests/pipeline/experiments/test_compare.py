@@ -25,6 +25,14 @@ def test_differences_are_those_of_the_trials_that_both_have():
     assert held.fuel_interval == pytest.approx((held.fuel - half, held.fuel + half))
 
 
+def test_trials_without_a_ratio_of_fuel_count_where_they_are_safe():
+    """A ratio to a bound of 0 is none."""
+    nan = float("nan")
+    held = compare(trials([True] * 20, [1.0] * 20), trials([True, False] * 10, [1.5, nan] * 10))
+    assert (held.trials, held.safe, held.fuel) == (20, 0.5, -0.5)
+    assert held.safe_by_chance == pytest.approx(2 / 2**10)
+
+
 def test_the_same_trials_tell_apart_what_shares_alone_would_not():
     """8 of 100 trials are safe with the first alone: by chance once in 2^7 times."""
     second = [True] * 50 + [False] * 50
