@@ -25,7 +25,7 @@ from pipeline.scenario.fields import (
 )
 from pipeline.scenario.scenario import MOST_CRAFT
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.waypoint import Waypoint
+from pipeline.scenario.waypoint import LATEST, Waypoint
 
 
 class RingDocument(BaseModel):
@@ -274,7 +274,7 @@ class WaypointDocument(BaseModel):
         None, description="Instead of these: where each craft must be, as at the ends."
     )
     time: Positive | None = Field(
-        None, description="Of the node, s since the first; null for that of least fuel."
+        None, le=LATEST, description="Of the node, s since the first; null for that of least fuel."
     )
 
     @model_validator(mode="after")

@@ -225,6 +225,7 @@ def test_a_formation_between_is_one_waypoint_of_each_craft(tmp_path):
         ({"craft": 6, "position": [0, 0, 0]}, "expected a craft's number, 0 to 5"),
         ({"craft": 0, "position": [0, 0, 0], "time": 650}, "a multiple of 120 s"),
         ({"craft": 0, "position": [0, 0, 0], "time": 1200}, "between the first and the last"),
+        ({"craft": 0, "position": [0, 0, 0], "time": 1e13}, r"waypoints\[0\].time is 1000"),
         ({"craft": 0}, "give craft and position, or a formation"),
         ({"formation": [[0, 0, 0, 0, 0, 0]], "time": 600}, "has 1 craft and initial has 6"),
         ({"formation": {"rings": [{"craft": 6, "size": 90}]}}, "give it a time"),
