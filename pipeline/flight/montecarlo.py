@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_whole
 from pipeline.flight.encounters import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.errors import Errors, check_seed
 from pipeline.flight.loops import MOST_TRIALS, Loop, portion_of
@@ -162,7 +162,7 @@ def fly_all(
     with other settings or versions. ProlearnError where the folder cannot be written to or workers
     are killed again and again.
     """
-    check_range("trials", trials, 1, MOST_TRIALS)
+    check_whole("trials", trials, 1, MOST_TRIALS)
     folder, workers = open_folder(where), workers or Workers()
     with open_ledger(folder, OWNED, lambda: ShardList.of(folder, SCHEMA), progress) as ledger:
         portions = [one for loop in loops for one in _portions(of, loop, trials)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
-from pipeline.errors import InputError, check_choice, check_range
+from pipeline.errors import InputError, check_choice, check_range, check_whole
 
 MOST = 1_000_000  # of whatever a recipe counts: instances, passes, scenarios that are drawn
 
@@ -40,7 +40,7 @@ class Recipe:
         """Refuse values out of range."""
         leasts = {"batch_size": 1, "epochs": 1, "patience": 1, "draws": 0, "crowded": 0}
         for name, least in leasts.items():
-            check_range(name, getattr(self, name), least, MOST)
+            check_whole(name, getattr(self, name), least, MOST)
         for name in ("dropout", "averaging"):
             if not 0 <= getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}; expected a share in [0, 1).")

@@ -27,7 +27,7 @@ def corners(clouds: Sequence[Float[Array, "_ _"]]) -> Corners:
     or of other points is written anew where that is possible, and otherwise does no harm.
     """
     if cold := "scipy.spatial" not in sys.modules:
-        with suppress(OSError, EOFError, ValueError, BadZipFile, RuntimeError):
+        with suppress(OSError, EOFError, KeyError, ValueError, BadZipFile, RuntimeError):
             return _kept(clouds)
     from scipy.spatial import ConvexHull
 

@@ -185,6 +185,7 @@ def test_unknown_names_are_refused_with_the_known_ones():
     "change",
     [
         {"batch_size": 0},
+        {"batch_size": 32.5},
         {"epochs": 0},
         {"patience": 0},
         {"dropout": 1.0},
@@ -201,6 +202,7 @@ def test_unknown_names_are_refused_with_the_known_ones():
     ],
     ids=str,
 )
+@pytest.mark.untyped
 def test_numbers_that_nothing_can_be_trained_with_are_refused_by_name(change):
     with pytest.raises(InputError, match=next(iter(change))):
         replace(RECIPES["paper"], **change)

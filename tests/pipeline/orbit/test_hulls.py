@@ -54,7 +54,9 @@ def test_they_are_computed_once_and_whatever_is_in_the_file_they_are_right(
     (file,) = folder.glob("*/*")
     whole = file.read_bytes()
     others = [CLOUDS[0] + 1, CLOUDS[1], *corners(CLOUDS)]
-    for damaged in (b"", b"nonsense", whole[:-100], whole[:300] + b"\0\1" + whole[302:], others):
+    fewer = [CLOUDS[0], *corners(CLOUDS[:1])]  # as of a problem whose digest begins alike
+    flipped = whole[:300] + b"\0\1" + whole[302:]
+    for damaged in (b"", b"nonsense", whole[:-100], flipped, others, fewer):
         if isinstance(damaged, list):
             np.savez(file, *damaged)
         else:
