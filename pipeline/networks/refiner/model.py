@@ -249,7 +249,7 @@ def run_round(
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
-    met, grid = data.met.of(which), data.grid
+    met, grid = data.met[which], data.grid
     craft = met.craft  # (L, 2)
     scene = geometry.scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
@@ -295,7 +295,7 @@ def _with_first_duals(
     new, xp = indices(first_dual[which, 0] == 0), namespace(first_dual)
     if len(new) == 0:
         return first_dual
-    craft, gain = data.met.of(which[new]).craft, gain[new]
+    craft, gain = data.met[which[new]].craft, gain[new]
     found = [data.own.first_duals(craft[:, k], sign * gain) for k, sign in enumerate((1, -1))]
     return with_rows(first_dual, which[new], xp.clip(xp.stack(found, axis=1), LEAST_DUAL, None))
 
@@ -381,7 +381,7 @@ def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
-    distances, _ = geometry.normals(data.met.of(which).relative(now.states), now.near.share[which])
+    distances, _ = geometry.normals(data.met[which].relative(now.states), now.near.share[which])
     of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)
 
