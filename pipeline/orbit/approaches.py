@@ -96,10 +96,6 @@ class SwarmPartition:
         """Which participants no plan moves."""
         return np.zeros(len(rows), dtype=bool)
 
-    def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
-        """Positions of what no plan moves, by maps from states at intervals' starts, m."""
-        return np.zeros((len(rows), 3))
-
     def local(self, swarm: int, row: int) -> int:
         """The number of a participant within its swarm."""
         return row - int(self.starts[swarm])

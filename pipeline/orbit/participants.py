@@ -185,7 +185,7 @@ class Participants(SwarmPartition):
             return super().local(swarm, row)
         return self.sizes[swarm] + row - int(self.first[swarm])
 
-    def asked(self, first: Indices, second: Indices) -> tuple[Vectors | None, Values | float]:
+    def asked(self, first: Indices, second: Indices) -> tuple[Vectors, Values]:
         """As ``SwarmPartition.asked``: scales of the axes, and q - r_col, m.
 
         The least ellipsoid, by the sum of its squared semi-axes, about all points within a
@@ -202,7 +202,7 @@ class Participants(SwarmPartition):
         return least[:, None] / wanted, least - self.problem.collision_radius
 
     def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
-        """As ``SwarmPartition.places``; intervals may lie beyond the plan's last."""
+        """Positions of obstacles, m, by maps from starts of intervals, also later ones."""
         k, dynamics = rows - self.craft, self.problem.dynamics
         begin = np.array(self.states[k, 0])
         drift = ~self._holds[k]
