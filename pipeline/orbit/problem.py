@@ -108,7 +108,7 @@ class Problem:
         if orbit := document.get("orbit"):
             fields["orbit"] = ReferenceOrbit(**orbit)
         if thrust := document.get("thrust"):
-            fields["thrust"] = Thrust.of(thrust)
+            fields["thrust"] = Thrust(**thrust)
         return cls(**fields)
 
     def document(self) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """Thrust: what a control costs, how large it may be, and when it may be."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -67,11 +66,6 @@ class Thrust:
                 check_range(name, value, 1e-12, 1e6)
         check_windows(self.no_burn)
         check_choice("objective", self.objective, get_args(Objective))
-
-    @classmethod
-    def of(cls, fields: Mapping[str, Any]) -> "Thrust":
-        """The thrust of such fields, as files have them, with lists."""
-        return cls(**fields)
 
     @property
     def directions(self) -> Float[Array, "K 3"] | None:
