@@ -39,7 +39,6 @@ class Cuts(Rows):
     beyond: Values | None = None  # asked for beyond the collision radius, as sizes differ, m
 
     def __add__(self, more: "Cuts") -> "Cuts":
-        """Both sets of cuts."""
         parts = [self, more]
         if any(cuts.other is not None for cuts in parts):
             parts = [replace(cuts, other=cuts.other or cuts.as_first) for cuts in parts]

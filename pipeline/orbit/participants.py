@@ -51,7 +51,6 @@ class Obstacle:
     hold: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what is no obstacle."""
         fields_as_python(self)
         object.__setattr__(self, "state", tuple(map(float, self.state)))
         if (self.radius is None) == (self.semi_axes is None):
@@ -70,7 +69,6 @@ class Obstacle:
             )
 
     def __str__(self) -> str:
-        """Its name and size."""
         x, y, z = self.axes
         size = (
             f"a radius of {x:g}" if self.semi_axes is None else f"semi-axes of {x:g}, {y:g}, {z:g}"

@@ -53,7 +53,6 @@ class Thrust:
     objective: Objective = "total"
 
     def __post_init__(self) -> None:
-        """Refuse values out of range and directions that do not push all ways."""
         fields_as_python(self)
         if not isinstance(self.model, str):
             check_directions(self.model)
