@@ -123,10 +123,10 @@ def least_adrift_in_world(
             met = _pieces(others[:, node + part.start : node + part.stop])
             begin, length = (node + part.start) * h, (part.stop - part.start) * h
             found = nearest_between(lost, met, both, begin, length, swarms).separation()
+            bound = min(found.bound, least.bound)
             if found.pair is not None and found.distance < least.distance:
-                least = replace(found, bound=min(found.bound, least.bound), node=node)
-            else:
-                least = replace(least, bound=min(found.bound, least.bound))
+                least = replace(found, node=node)
+            least = replace(least, bound=bound)
     return least
 
 

@@ -194,8 +194,7 @@ def dispersed_risk(
 ) -> CollisionRisk:
     """The risk with any dispersion, as of craft whose orbits are known by their covariances."""
     i, j = pairs(len(states))
-    commanded = controls, np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
-    beyond, added = saturation(*commanded, problem.most_control), corrections(*commanded)
+    beyond, added = _feedback(controls, spread, problem.most_control)
     if len(i) == 0:
         return CollisionRisk(i, j, np.zeros(0), np.zeros(0), beyond, beyond, added)
     stretches, broken = _stretches(states, controls, problem, spread)
@@ -216,25 +215,19 @@ def dispersed_risk(
     return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most, beyond, added)
 
 
-def saturation(controls: Controls, sigma: Controls, most: float) -> float:
+def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[float, float]:
     """Bound on the probability that feedback ever asks for a component beyond ``most``, m/s².
 
-    Of controls with such Gaussian deviations, m/s².
+    And the mean fuel, m/s², that it adds to that of the controls: E|u + σξ| - |u|.
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
+    sigma = np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
     size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
-    return min(1.0, float(ndtr((np.stack([size, -size]) - most) / sigma).sum()))
-
-
-def corrections(controls: Controls, sigma: Controls) -> float:
-    """Mean fuel, m/s², that Gaussian deviations add to that of controls: E|u + σξ| - |u|."""
-    from scipy.special import ndtr  # slow to import, and only a risk needs it
-
-    size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
+    beyond = float(ndtr((np.stack([size, -size]) - most) / sigma).sum())
     ratio = size / sigma
     density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
-    return float(2 * (sigma * density - size * ndtr(-ratio)).sum())
+    return min(1.0, beyond), float(2 * (sigma * density - size * ndtr(-ratio)).sum())
 
 
 def _at_node(
