@@ -179,11 +179,6 @@ class ProblemData:
     met: geometry.Encounters  # encounters that are looked at
     swarm: Int[Any, "E"]  # whose each of these is
 
-    @property
-    def of_craft(self) -> Int[Any, "N"]:
-        """The swarm of each craft."""
-        return like(np.arange(len(self.initial)) // self.n, self.swarm)
-
     def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
         """Σ‖u‖₁ of each swarm."""
         return abs(controls).sum(axis=1).reshape(-1, self.n).sum(axis=1)
@@ -354,7 +349,7 @@ def cheapest_safe(
     """
     now = start(data)
     best, least, xp = now.controls, safe_fuel(data, now), namespace(now.controls)
-    going = xp.isinf(least)
+    going, of_craft = xp.isinf(least), like(np.arange(len(best)) // data.n, data.swarm)
     for number in range(rounds):
         if not going.any():
             break
@@ -362,7 +357,7 @@ def cheapest_safe(
         now = run_round(weights, data, now, number, going)
         fuel = safe_fuel(data, now)
         better = (fuel < least) | xp.isinf(least)
-        best = xp.where(better[data.of_craft, None], now.controls, best)
+        best = xp.where(better[of_craft, None], now.controls, best)
         going &= ~(abs(fuel - before) <= STEADY * before)
         least = xp.minimum(least, fuel)
     return best, xp.isfinite(least)
