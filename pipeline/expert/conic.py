@@ -222,11 +222,6 @@ class ConicProgram:
         controls[craft, interval] = self.sub.unit * z @ self.effect.T
         return controls.reshape(n, m)
 
-    def half_space_duals(self, z: Float[Array, "rows"]) -> Float[Array, "k"]:
-        """Dual variables of the half-spaces, of those of all rows."""
-        end = len(z) - len(self.cones()[1])
-        return z[end - len(self.sub.required) : end]
-
     def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
         """The part of what each control does along the goals' duals that its cone pays for."""
         sub, (craft, interval) = self.sub, self.slots
@@ -286,8 +281,8 @@ def by_cones(sub: Subproblem) -> Optimum:
         found = program.solver(careful=careful).solve()
         if str(found.status) in OPTIMAL:
             x, z = program.solved(np.asarray(found.x)), np.asarray(found.z)
-            k = len(sub.required)
+            k, end = len(sub.required), len(z) - len(program.cones()[1])
             top = len(program.slots[0]) * len(program.price)
-            dual = sub.unit / LENGTH * program.half_space_duals(z)
+            dual = sub.unit / LENGTH * z[end - k : end]
             return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)
     raise UnsolvableError(f"the convex solver stopped with {found.status}")
