@@ -67,7 +67,7 @@ def fly_in_world(
 ) -> tuple[States, Separation]:
     """Node states of controls (m/s²) about a problem's reference orbit, and how close craft come.
 
-    ``fly`` and ``least_separation`` are the same in linear motion. The separation is at any time.
+    ``fly`` and ``least_separations`` are the same in linear motion. The separation is at any time.
     """
     arcs = _arcs(initial, controls, problem)
     states = np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
