@@ -68,10 +68,6 @@ class SwarmPartition:
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
 
-    def alone(self, swarm: int) -> "SwarmPartition":
-        """One of the swarms."""
-        return side_by_side((self.sizes[swarm],))
-
     def each(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
         """A value of all swarms, or of each, as one of every craft."""
         if isinstance(within, np.ndarray):

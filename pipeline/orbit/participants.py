@@ -125,7 +125,7 @@ class Participants(SwarmPartition):
     ) -> None:
         super().__init__(tuple(map(len, radii)))
         self.problem, self.craft = problem, sum(self.sizes)
-        self.few, self._parts = True, (tuple(radii), tuple(map(tuple, obstacles)))
+        self.few = True
         inside = zip(corridors, self.sizes, self.starts.tolist(), strict=False)
         if any(corridors):
             self.faces = Faces.concatenated([Faces.of(*one) for one in inside])
@@ -153,11 +153,6 @@ class Participants(SwarmPartition):
         number = np.arange(len(craft)) - np.repeat(np.cumsum(counts) - counts, counts)
         other = self.first[self.label[craft]] + number
         return np.concatenate([i, craft]), np.concatenate([j, other])
-
-    def alone(self, swarm: int) -> SwarmPartition:
-        """As ``SwarmPartition.alone``."""
-        radii, obstacles = self._parts
-        return Participants(self.problem, [radii[swarm]], [obstacles[swarm]])
 
     def beside(
         self, states: States, nodes: slice = slice(None)
