@@ -11,11 +11,11 @@ from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
     LEFT_OUT,
     DecoupledOptima,
+    arrivals_at_least_fuel,
     control_units,
     decoupled_optima,
     goal_miss,
 )
-from pipeline.expert.waypoints import arrivals_at_least_fuel
 from pipeline.orbit.arrays import Controls, Formation, Indices, Values
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.separation import swarm_node_collisions

@@ -17,20 +17,14 @@ from pipeline.expert.cuts import (
     passive_safety_cuts,
     spaced_cuts,
 )
-from pipeline.orbit.approaches import (
-    PROVABLE,
-    TOLERANCE,
-    SwarmPartition,
-    close_approaches,
-    side_by_side,
-)
+from pipeline.orbit.approaches import PROVABLE, TOLERANCE, SwarmPartition, close_approaches
 from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
 from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Dispersion, Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import levels_at
-from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.plan import Requirements
 
 Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
 
@@ -90,11 +84,11 @@ def back_off_shortfall(
 class ConflictDetection:
     """Conflict detection by a plan's requirements, with a margin and perhaps a back-off."""
 
-    problem: Problem  # the problem
+    problem: Problem
     # say whether all times are looked at or the nodes only, and whether craft that have lost their
     # thrust are
-    requirements: Requirements = AT_ALL_TIMES
-    swarms: SwarmPartition | None = None  # which craft belong together; by default all of them
+    requirements: Requirements
+    swarms: SwarmPartition  # which craft belong together
     margin: float = 0.0  # asked for beyond the collision radius, m
     back_off: BackOff | None = None  # asked for besides, because craft err
 
@@ -120,8 +114,7 @@ class ConflictDetection:
             bound = bound - self.back_off_of(cuts, flown)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
-        faces = None if self.swarms is None else self.swarms.faces
-        if faces is not None:
+        if (faces := self.swarms.faces) is not None:
             at = flown.states, flown.controls, self.problem, faces
             radius, inside = self.problem.collision_radius, margins(*at, moved)
             inside = inside[inside.bound + radius <= within]
@@ -135,8 +128,7 @@ class ConflictDetection:
             swarms=self.swarms,
             moved=moved,
         )
-        swarms = self.swarms or side_by_side((len(flown.states),))
-        drifting = passive_safety_cuts(found, flown.states, self.problem, swarms)
+        drifting = passive_safety_cuts(found, flown.states, self.problem, self.swarms)
         return cuts + drifting, np.concatenate([bound, found.bound])
 
     def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
@@ -166,8 +158,7 @@ class ConflictDetection:
         self, flown: Trajectory, within: float, moved: Marked, beside: float
     ) -> tuple[Cuts, Values]:
         """Conflicts of craft that both fly their plans."""
-        problem, states = self.problem, flown.states
-        swarms = self.swarms or side_by_side((len(states),))
+        problem, states, swarms = self.problem, flown.states, self.swarms
         if self.requirements.at_nodes:
             (i, j), moved = swarms.pairs, swarms.marked(moved)
             touched = moved[i] | moved[j]

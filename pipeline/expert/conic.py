@@ -12,7 +12,7 @@ share of each craft.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -47,20 +47,27 @@ class ConicProgram:
     sub: Subproblem
 
     @cached_property
+    def limits(self) -> Limits:
+        """What each craft can do; where the subproblem has one limit, along the axes, that."""
+        if self.sub.limits is not None:
+            return self.sub.limits
+        n, m, _ = self.sub.shape
+        none, burns = np.full(n, np.inf), np.ones((n, m // 3, 3), dtype=bool)
+        return Limits(np.full(n, self.sub.limit), none, none, burns)
+
+    @cached_property
     def slots(self) -> tuple[Int[Array, "S"], Int[Array, "S"]]:
         """Craft and interval of every control that may be."""
-        assert self.sub.limits is not None
-        craft, interval = np.nonzero(self.sub.limits.burns.any(axis=2))
+        craft, interval = np.nonzero(self.limits.burns.any(axis=2))
         return craft, interval
 
     @cached_property
     def kept(self) -> Int[Array, "v"]:
         """Numbers of the variables that may be other than zero."""
-        assert self.sub.limits is not None
         S, V = len(self.slots[0]), len(self.price)
         may = np.ones((S, V), dtype=bool)
         if self.sub.thrust.model == COMPONENTS:
-            may = np.tile(self.sub.limits.burns[self.slots], 2)
+            may = np.tile(self.limits.burns[self.slots], 2)
         others = np.arange(S * V, self.variables)
         return np.concatenate([np.flatnonzero(may), others])
 
@@ -137,8 +144,7 @@ class ConicProgram:
     def spending(self) -> Block:
         """No craft spends more than it has left, nor, where that is asked for, a larger share."""
         sub, (craft, _) = self.sub, self.slots
-        assert sub.limits is not None
-        left = sub.limits.delta_v / (sub.time_step * sub.unit)
+        left = self.limits.delta_v / (sub.time_step * sub.unit)
         some, n = np.isfinite(left), len(sub.miss)
         value = np.where(some[craft], 1.0, 0.0)[:, None] * self.price
         spent = self._by_slot(value[None], (np.cumsum(some) - 1)[craft][None])
@@ -153,12 +159,11 @@ class ConicProgram:
     def bounds(self) -> Block:
         """Signs of thrusts and slacks, and limits of components or thrusters."""
         sub, (craft, _) = self.sub, self.slots
-        assert sub.limits is not None
         S, V, k = len(craft), len(self.price), len(sub.required)
-        most = np.repeat(sub.limits.component[craft] / sub.unit, V).reshape(S, V)
+        most = np.repeat(self.limits.component[craft] / sub.unit, V).reshape(S, V)
         signed = np.arange(S * V, S * V + k)
         if self.pointed:
-            most[:, 3] = sub.limits.norm[craft] / sub.unit
+            most[:, 3] = self.limits.norm[craft] / sub.unit
         else:
             signed = self.kept[self.kept < S * V + k]
         limits = most.ravel()
@@ -173,22 +178,21 @@ class ConicProgram:
     def cones(self) -> Block:
         """(t, u) in the second-order cone, by rows of four."""
         sub, (craft, _) = self.sub, self.slots
-        assert sub.limits is not None
         S, V = len(craft), len(self.price)
         if self.pointed:
             order = (V * np.arange(S)[:, None] + [3, 0, 1, 2]).ravel()
             return (np.arange(4 * S), order, -np.ones(4 * S)), np.zeros(4 * S)
-        some = np.flatnonzero(np.isfinite(sub.limits.norm[craft]))
+        some = np.flatnonzero(np.isfinite(self.limits.norm[craft]))
         value = np.zeros((3, S, V))
         value[:, some] = -self.effect[:, None]
         number = np.zeros(S, dtype=int)
         number[some] = np.arange(len(some))
         row = 4 * number + np.arange(1, 4)[:, None]
         b = np.zeros((len(some), 4))
-        b[:, 0] = sub.limits.norm[craft[some]] / sub.unit
+        b[:, 0] = self.limits.norm[craft[some]] / sub.unit
         return self._by_slot(value, row), b.ravel()
 
-    def solver(self, tolerance: float, *, careful: bool) -> clarabel.DefaultSolver:
+    def solver(self, *, careful: bool) -> clarabel.DefaultSolver:
         """Clarabel with A x + s = b: goals, bounds, spending, half-spaces, cones."""
         from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
@@ -198,7 +202,7 @@ class ConicProgram:
         cones += [clarabel.SecondOrderConeT(4)] * (heights[4] // 4)
         A, wanted = stacked(blocks, self.variables, self.kept)
         quadratic = csc_matrix((len(self.kept), len(self.kept)))
-        settings = clarabel_settings(tolerance, careful=careful)
+        settings = clarabel_settings(careful=careful)
         cost = self.cost()[self.kept]
         return clarabel.DefaultSolver(quadratic, cost, A, wanted, cones, settings)
 
@@ -218,23 +222,17 @@ class ConicProgram:
         controls[craft, interval] = self.sub.unit * z @ self.effect.T
         return controls.reshape(n, m)
 
-    def half_space_duals(self, z: Float[Array, "rows"]) -> Float[Array, "k"]:
-        """Dual variables of the half-spaces, of those of all rows."""
-        end = len(z) - len(self.cones()[1])
-        return z[end - len(self.sub.required) : end]
-
     def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
         """The part of what each control does along the goals' duals that its cone pays for."""
         sub, (craft, interval) = self.sub, self.slots
-        assert sub.limits is not None
-        some = np.full(len(craft), self.pointed) | np.isfinite(sub.limits.norm[craft])
+        some = np.full(len(craft), self.pointed) | np.isfinite(self.limits.norm[craft])
         found = np.zeros((len(sub.miss), sub.reach.shape[1] // 3, 3))
         found[craft[some], interval[some]] = -z[len(z) - 4 * some.sum() :].reshape(-1, 4)[:, 1:]
         return found
 
 
-def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSettings:
-    """Settings of Clarabel: a relative tolerance, and one thread, as instances run side by side.
+def clarabel_settings(*, careful: bool) -> clarabel.DefaultSettings:
+    """Settings of Clarabel: one thread, as instances run side by side, and its tolerance.
 
     A careful solver has equilibration and iterative refinement, which these well-scaled programs
     hardly ever need and which take half of the time.
@@ -244,7 +242,7 @@ def clarabel_settings(tolerance: float, *, careful: bool) -> clarabel.DefaultSet
     settings.max_threads = 1
     settings.presolve_enable = False  # which only drops rows without a bound, and there is none
     settings.equilibrate_enable = settings.iterative_refinement_enable = careful
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
     return settings
 
 
@@ -278,18 +276,13 @@ def _joined(*parts: Parts) -> Parts:
 
 def by_cones(sub: Subproblem) -> Optimum:
     """The optimum of a subproblem with thrust of any kind; UnsolvableError where there is none."""
-    if sub.limits is None:  # along the axes, with one limit
-        n, m, _ = sub.shape
-        none = np.full(n, np.inf)
-        limits = Limits(np.full(n, sub.limit), none, none, np.ones((n, m // 3, 3), dtype=bool))
-        sub = replace(sub, limits=limits)
     program = ConicProgram(sub)
     for careful in (False, True):
-        found = program.solver(TOLERANCE, careful=careful).solve()
+        found = program.solver(careful=careful).solve()
         if str(found.status) in OPTIMAL:
             x, z = program.solved(np.asarray(found.x)), np.asarray(found.z)
-            k = len(sub.required)
+            k, end = len(sub.required), len(z) - len(program.cones()[1])
             top = len(program.slots[0]) * len(program.price)
-            dual = sub.unit / LENGTH * program.half_space_duals(z)
+            dual = sub.unit / LENGTH * z[end - k : end]
             return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)
     raise UnsolvableError(f"the convex solver stopped with {found.status}")

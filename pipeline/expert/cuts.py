@@ -8,6 +8,7 @@ from pipeline.arrays import Array, Bool, Float
 from pipeline.orbit.approaches import Approaches, SwarmPartition
 from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.corridors import Faces, Margins
+from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -38,7 +39,6 @@ class Cuts(Rows):
     beyond: Values | None = None  # asked for beyond the collision radius, as sizes differ, m
 
     def __add__(self, more: "Cuts") -> "Cuts":
-        """Both sets of cuts."""
         parts = [self, more]
         if any(cuts.other is not None for cuts in parts):
             parts = [replace(cuts, other=cuts.other or cuts.as_first) for cuts in parts]
@@ -82,9 +82,9 @@ def spaced_cuts(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartit
     Their axes are scaled; and where the second participant is an obstacle, the cut is about the
     first alone, so that it joins no two craft.
     """
-    scale, beyond = swarms.asked(first, second)
-    if scale is None:
+    if not isinstance(swarms, Participants):
         return cuts
+    scale, beyond = swarms.asked(first, second)
     met, still = cuts.other or cuts.as_first, swarms.still(second)
     rows, interval = second[still], met.interval[still]
     maps = met.free[still], met.pushed[still]
@@ -102,7 +102,7 @@ def spaced_cuts(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartit
             pushed=_unless(still, met.pushed * axes),
             offset=offset * scale,
         ),
-        beyond=np.asarray(beyond),
+        beyond=beyond,
     )
 
 

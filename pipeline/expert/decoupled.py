@@ -1,5 +1,6 @@
 """Decoupled optima: each craft's optimum without the others, the SCP's start and lower bound."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +18,11 @@ from pipeline.orbit.arrays import Controls, Formation, Marked, Rows
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
-from pipeline.orbit.thrust_cost import cost
+from pipeline.orbit.thrust_cost import cost, spent
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import limits_of
+from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft
 
 LOOSE = 1e-7  # share of a craft's fuel that its bound may be below it
 # How a lower bound is proven
@@ -123,11 +125,40 @@ def limited_optima(
         fuel = cost(controls[craft], problem.thrust).sum(axis=1)
         loose = craft[fuel - bound[craft] > LOOSE * fuel + problem.negligible_fuel]
         waiting += _apart(loose, craft)
-    spent = bound * problem.time_step
-    not_possible |= spent > limits.delta_v * (1 + FARKAS_MARGIN)
+    least_delta_v = bound * problem.time_step
+    not_possible |= least_delta_v > limits.delta_v * (1 + FARKAS_MARGIN)
     return DecoupledOptima(
         controls, bound, feasible & ~not_possible, not_possible, np.zeros(n, dtype=bool)
     )
+
+
+def arrivals_at_least_fuel(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    limits: Limits,
+    waypoints: Sequence[Waypoint],
+) -> tuple[Arrivals, Float[Array, "n"]]:
+    """Where each craft must be, and a lower bound on its fuel for every choice of open times.
+
+    The bound is infinite where no time is open, m/s². Every choice of a craft is tried.
+    """
+    passed, bound = {}, np.full(len(initial), np.inf)
+    for craft, some in of_craft(waypoints).items():
+        choices = choices_of(some, problem)
+        best = choices[0]
+        if len(choices) > 1:
+            many = [craft] * len(choices)
+            ends = initial[many], goal[many], problem
+            tried = {k: list(zip(nodes, some, strict=True)) for k, nodes in enumerate(choices)}
+            optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
+            fuel = spent(optima.controls, problem.thrust, limits[many])
+            fuel = np.where(optima.feasible, fuel, np.inf)
+            # Where none is feasible, one that is not proven to be impossible.
+            best = choices[int(np.lexsort((optima.impossible, fuel))[0])]
+            bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
+        passed[craft] = list(zip(best, some, strict=True))
+    return arrivals_of(initial, goal, problem, passed), bound
 
 
 def _apart(some: Int[Array, "_"], of: Int[Array, "_"]) -> list[Int[Array, "_"]]:
@@ -142,12 +173,8 @@ def goal_miss(initial: Formation, goal: Formation, problem: Problem) -> Formatio
 
 def control_units(miss: Formation, problem: Problem) -> Float[Array, "n"]:
     """Size of a typical control, m/s²: of each transfer, or to move by the collision radius."""
-    return np.maximum(_largest_control(miss, problem), problem.evasive_control)
-
-
-def _largest_control(miss: Formation, problem: Problem) -> Float[Array, "n"]:
-    """Largest control of each craft's minimum-energy transfer, m/s²."""
-    return np.abs(np.matvec(transfer_maps(problem).to_goal, miss)).max(axis=1)
+    least_energy = np.matvec(transfer_maps(problem).to_goal, miss)
+    return np.maximum(np.abs(least_energy).max(axis=1), problem.evasive_control)
 
 
 def control_limit(problem: Problem) -> float:

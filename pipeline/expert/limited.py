@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, TOLERANCE, ConicProgram
+from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, ConicProgram
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
@@ -58,7 +58,7 @@ def least_of(at: Arrivals, limits: Limits, problem: Problem) -> tuple[Controls |
     """Controls of least fuel of all craft in one program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
     for careful in (False, True):
-        found = program.solver(TOLERANCE, careful=careful).solve()
+        found = program.solver(careful=careful).solve()
         if str(found.status) in (*OPTIMAL, IMPOSSIBLE):
             break
     sub = program.sub

@@ -60,8 +60,7 @@ class _Integers:
     def most(self) -> Float[Array, "N"]:
         """Largest thrusts: limits, or as much as in all intervals, and 0 where none may be."""
         sub, V = self.program.sub, len(self.program.price)
-        assert sub.limits is not None
-        limit = np.repeat(sub.limits.component[self.program.slots[0]] / sub.unit, V)
+        limit = np.repeat(self.program.limits.component[self.program.slots[0]] / sub.unit, V)
         most = np.minimum(limit, sub.reach.shape[1] / 3)
         most[np.setdiff1d(np.arange(self.thrusts), self.program.kept)] = 0.0
         return np.asarray(most)

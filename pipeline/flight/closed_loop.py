@@ -29,9 +29,8 @@ from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_o
 from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter
 from pipeline.flight.last_interval import LastInterval
-from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, pairs, side_by_side
+from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Indices, Values
-from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import last_control
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.passive_safety import least_after_loss
@@ -120,7 +119,8 @@ class ClosedLoop:
     def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
-        required, asked = self._planner.requirements, [*_asked(problem, apart_at(estimate))]
+        apart = node_distances(estimate[:, :, None]).min(axis=(1, 2), initial=np.inf)
+        required, asked = self._planner.requirements, [*_asked(problem, apart)]
         choice = Choice(problem, estimate, corrected, required, self._lost, self._allowance)
         self._ahead = choice.controls
         if problem.intervals > DETERMINED:
@@ -265,12 +265,6 @@ def _asked(problem: Problem, apart: EachTrial) -> Iterator[EachTrial]:
     yield least
     for share in LESS:
         yield least * (1 - share)
-
-
-def apart_at(states: Float[Array, "K n 6"]) -> EachTrial:
-    """Least distance of any pair, m; infinite without a pair."""
-    i, j = pairs(states.shape[1])
-    return norm(states[:, i, :3] - states[:, j, :3]).min(axis=1, initial=np.inf)
 
 
 @dataclass(frozen=True)

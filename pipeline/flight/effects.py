@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import reduce
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -104,11 +105,8 @@ def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, W
         "J2": replace(eccentric, j2=conditions.j2),
         "drag": conditions,
     }
-    before = None
-    for name, one in steps.items():
-        if one != before:
-            yield name, world_of(scenario, one)
-        before = one
+    for one, names in groupby(steps, key=lambda name: steps[name]):
+        yield next(names), world_of(scenario, one)
 
 
 def refuse_distance(scenario: Scenario, controls: Controls) -> None:

@@ -54,7 +54,6 @@ class Encoding:
     target_scale: tuple[float, ...]  # the same of the targets
 
     def __post_init__(self) -> None:
-        """Refuse unknown names."""
         check_choice("interior", self.interior, INTERIORS)
         check_choice("target", self.target, TARGETS)
 

@@ -37,7 +37,6 @@ class Recipe:
     options: Mapping[str, Any] = field(default_factory=dict)  # what only one architecture knows
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
         leasts = {"batch_size": 1, "epochs": 1, "patience": 1, "draws": 0, "crowded": 0}
         for name, least in leasts.items():
             check_whole(name, getattr(self, name), least, MOST)

@@ -68,10 +68,6 @@ class SwarmPartition:
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
 
-    def alone(self, swarm: int) -> "SwarmPartition":
-        """One of the swarms."""
-        return side_by_side((self.sizes[swarm],))
-
     def each(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
         """A value of all swarms, or of each, as one of every craft."""
         if isinstance(within, np.ndarray):
@@ -95,10 +91,6 @@ class SwarmPartition:
     def still(self, rows: Indices) -> Bool[Array, "k"]:
         """Which participants no plan moves."""
         return np.zeros(len(rows), dtype=bool)
-
-    def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
-        """Positions of what no plan moves, by maps from states at intervals' starts, m."""
-        return np.zeros((len(rows), 3))
 
     def local(self, swarm: int, row: int) -> int:
         """The number of a participant within its swarm."""

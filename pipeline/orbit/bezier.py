@@ -65,14 +65,6 @@ def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
     return namespace(a).linalg.vector_norm(a, dim=-1)
 
 
-def powers(a: Float[Array, "*batch"], count: int) -> Float[Array, "*batch _"]:
-    """So many powers of numbers, from 0 on."""
-    found = np.ones((*a.shape, count))
-    found[..., 1:] = a[..., None]
-    multiplied: Float[Array, "*batch _"] = np.multiply.accumulate(found, axis=-1)
-    return multiplied
-
-
 def hermite_bezier(
     start: Float[Array, "s 6"], end: Float[Array, "s 6"], h: float | Float[Array, "s"]
 ) -> Float[Array, "s 4 3"]:
@@ -86,7 +78,7 @@ def hermite_bezier(
 
 def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 3"]:
     """The point of each cubic at a share of it, by its Bernstein polynomials."""
-    return np.vecmat(np.matvec(CUBIC.T, powers(at, 4)), curve)
+    return np.vecmat(np.matvec(CUBIC.T, np.vander(at, 4, increasing=True)), curve)
 
 
 def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
@@ -151,7 +143,7 @@ def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Arr
     curvature = slope[:, 1:] * [1, 2, 3, 4, 5]
     s = _along(curve[:, 0], curve[:, 3] - curve[:, 0])
     for _ in range(NEWTON_STEPS):
-        power = powers(s, 6)
+        power = np.vander(s, 6, increasing=True)
         bends = np.vecdot(curvature, power[:, :-1])
         # Where the squared distance is not convex, s stays.
         step = np.vecdot(slope, power) / np.where(bends > 0, bends, np.inf)
@@ -172,7 +164,7 @@ def _square(a: Float[Array, "s 3"]) -> Float[Array, "s"]:
 
 def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 2 4 3"]:
     """Both parts of each cubic, by de Casteljau's weights."""
-    weights = np.matvec(PARTS, powers(at, 4)).reshape(-1, 8, 4)
+    weights = np.matvec(PARTS, np.vander(at, 4, increasing=True)).reshape(-1, 8, 4)
     return (weights @ curve).reshape(-1, 2, 4, 3)
 
 

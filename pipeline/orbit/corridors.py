@@ -35,7 +35,6 @@ class Box:
     max: Point  # largest, m
 
     def __post_init__(self) -> None:
-        """Refuse boxes without an inside."""
         fields_as_python(self)
         check_vector("min of a box", self.min)
         check_vector("max of a box", self.max)
@@ -45,7 +44,6 @@ class Box:
             )
 
     def __str__(self) -> str:
-        """In words."""
         return f"the box from {self.min} to {self.max} m"
 
     @property
@@ -77,7 +75,6 @@ class Cone:
     half_angle_deg: float  # between axis and edge, deg
 
     def __post_init__(self) -> None:
-        """Refuse cones without an inside."""
         fields_as_python(self)
         check_vector("apex of a cone", self.apex)
         check_vector("axis of a cone", self.axis)
@@ -88,7 +85,6 @@ class Cone:
             )
 
     def __str__(self) -> str:
-        """In words."""
         return f"the cone from {self.apex} m along {self.axis}, half-angle {self.half_angle_deg:g}°"
 
     @property
@@ -141,7 +137,6 @@ class Corridor:
     craft: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what is no set, times or craft's numbers, with an InputError."""
         fields_as_python(self)
         check_kind("inside of a corridor", self.inside, Box | Cone)
         for name in ("begin", "end"):

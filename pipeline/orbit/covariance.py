@@ -70,7 +70,6 @@ class Uncertainty:
     latency: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
         fields_as_python(self)
         for field in fields(self):
             check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])

@@ -155,11 +155,7 @@ def least_limits_within(
 ) -> Float[Array, "n"]:
     """The same of changes of the states at some nodes, of craft that may not burn at all times.
 
-    Args:
-        miss: changes, six for each node, m and m/s.
-        reach: effect of each craft's flattened controls on them.
-        burns: in which intervals craft may burn.
-        problem: of which the kind of thrust is.
+    Changes are six for each node, m and m/s; reach is the effect of flattened controls on them.
     """
     scale = np.tile(acceleration_scale(problem), miss.shape[1] // 6)
     reach = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None]
@@ -225,14 +221,8 @@ def least_cost(
     """Lower bound on one craft's fuel, m/s², for given changes of its states at some nodes.
 
     By a linear program of thrusters; in place of one that is pointed, of so many and so strong ones
-    that it does nothing more cheaply. Infinite where none meets the goal.
-
-    Args:
-        miss: changes, six for each node, m and m/s.
-        reach: effect of its flattened controls on them.
-        burns: in which intervals it may burn.
-        most: limit on each component or thruster, m/s².
-        problem: of which the kind of thrust is.
+    that it does nothing more cheaply. Infinite where none meets the goal. Changes and reach are as
+    in ``least_limits_within``; the most is the limit on each component or thruster, m/s².
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 

@@ -67,7 +67,7 @@ def fly_in_world(
 ) -> tuple[States, Separation]:
     """Node states of controls (m/s²) about a problem's reference orbit, and how close craft come.
 
-    ``fly`` and ``least_separation`` are the same in linear motion. The separation is at any time.
+    ``fly`` and ``least_separations`` are the same in linear motion. The separation is at any time.
     """
     arcs = _arcs(initial, controls, problem)
     states = np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
@@ -123,10 +123,10 @@ def least_adrift_in_world(
             met = _pieces(others[:, node + part.start : node + part.stop])
             begin, length = (node + part.start) * h, (part.stop - part.start) * h
             found = nearest_between(lost, met, both, begin, length, swarms).separation()
+            bound = min(found.bound, least.bound)
             if found.pair is not None and found.distance < least.distance:
-                least = replace(found, bound=min(found.bound, least.bound), node=node)
-            else:
-                least = replace(least, bound=min(found.bound, least.bound))
+                least = replace(found, node=node)
+            least = replace(least, bound=bound)
     return least
 
 

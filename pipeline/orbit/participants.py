@@ -51,7 +51,6 @@ class Obstacle:
     hold: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what is no obstacle."""
         fields_as_python(self)
         check_vector(f"state of obstacle {self.name!r}", self.state, 6)
         object.__setattr__(self, "state", tuple(map(float, self.state)))
@@ -66,7 +65,6 @@ class Obstacle:
             )
 
     def __str__(self) -> str:
-        """Its name and size."""
         x, y, z = self.axes
         size = (
             f"a radius of {x:g}" if self.semi_axes is None else f"semi-axes of {x:g}, {y:g}, {z:g}"
@@ -123,7 +121,7 @@ class Participants(SwarmPartition):
     ) -> None:
         super().__init__(tuple(map(len, radii)))
         self.problem, self.craft = problem, sum(self.sizes)
-        self.few, self._parts = True, (tuple(radii), tuple(map(tuple, obstacles)))
+        self.few = True
         inside = zip(corridors, self.sizes, self.starts.tolist(), strict=False)
         if any(corridors):
             self.faces = Faces.concatenated([Faces.of(*one) for one in inside])
@@ -152,11 +150,6 @@ class Participants(SwarmPartition):
         other = self.first[self.label[craft]] + number
         return np.concatenate([i, craft]), np.concatenate([j, other])
 
-    def alone(self, swarm: int) -> SwarmPartition:
-        """As ``SwarmPartition.alone``."""
-        radii, obstacles = self._parts
-        return Participants(self.problem, [radii[swarm]], [obstacles[swarm]])
-
     def beside(
         self, states: States, nodes: slice = slice(None)
     ) -> Float[Array, "participants T 6"]:
@@ -181,7 +174,7 @@ class Participants(SwarmPartition):
             return super().local(swarm, row)
         return self.sizes[swarm] + row - int(self.first[swarm])
 
-    def asked(self, first: Indices, second: Indices) -> tuple[Vectors | None, Values | float]:
+    def asked(self, first: Indices, second: Indices) -> tuple[Vectors, Values]:
         """As ``SwarmPartition.asked``: scales of the axes, and q - r_col, m.
 
         The least ellipsoid, by the sum of its squared semi-axes, about all points within a
@@ -198,7 +191,7 @@ class Participants(SwarmPartition):
         return least[:, None] / wanted, least - self.problem.collision_radius
 
     def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
-        """As ``SwarmPartition.places``; intervals may lie beyond the plan's last."""
+        """Positions of obstacles, m, by maps from starts of intervals, also later ones."""
         k, dynamics = rows - self.craft, self.problem.dynamics
         begin = np.array(self.states[k, 0])
         drift = ~self._holds[k]

@@ -55,7 +55,6 @@ class Problem:
     thrust: Thrust = ALONG_AXES
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
         fields_as_python(self)
         object.__setattr__(self, "nodes", _whole(self.nodes))
         check_mean_motion(self.mean_motion)
@@ -108,7 +107,7 @@ class Problem:
         if orbit := document.get("orbit"):
             fields["orbit"] = ReferenceOrbit(**orbit)
         if thrust := document.get("thrust"):
-            fields["thrust"] = Thrust.of(thrust)
+            fields["thrust"] = Thrust(**thrust)
         return cls(**fields)
 
     def document(self) -> dict[str, Any]:

@@ -41,7 +41,6 @@ from pipeline.orbit.approaches import Approaches, close_approaches, pairs
 from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
-from pipeline.orbit.gaussian import TINY, falls_below, likeliest_direction
 from pipeline.orbit.problem import Problem
 
 FAR = 1e-12  # probability, over all pairs, of deviations beyond the size that is looked at
@@ -50,6 +49,9 @@ COARSE = 1.0  # width of the bracket of least separations of pairs that may be n
 SHORTEST = 1e-9  # share of an interval that is not halved: what is safe by rounding alone
 MOST_PANELS = 200_000  # which bounds the memory that it takes
 ROUNDING = 1e-15  # of the probability of a panel
+TINY = 1e-100  # divisor in place of 0
+APART = 1e-30  # least distance in m that has a direction
+NEWTON_STEPS = 8  # more than enough near the likeliest point; any direction gives a bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +196,7 @@ def dispersed_risk(
 ) -> CollisionRisk:
     """The risk with any dispersion, as of craft whose orbits are known by their covariances."""
     i, j = pairs(len(states))
-    commanded = controls, np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
-    beyond, added = saturation(*commanded, problem.most_control), corrections(*commanded)
+    beyond, added = _feedback(controls, spread, problem.most_control)
     if len(i) == 0:
         return CollisionRisk(i, j, np.zeros(0), np.zeros(0), beyond, beyond, added)
     stretches, broken = _stretches(states, controls, problem, spread)
@@ -216,25 +217,19 @@ def dispersed_risk(
     return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most, beyond, added)
 
 
-def saturation(controls: Controls, sigma: Controls, most: float) -> float:
+def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[float, float]:
     """Bound on the probability that feedback ever asks for a component beyond ``most``, m/s².
 
-    Of controls with such Gaussian deviations, m/s².
+    And the mean fuel, m/s², that it adds to that of the controls: E|u + σξ| - |u|.
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
+    sigma = np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
     size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
-    return min(1.0, float(ndtr((np.stack([size, -size]) - most) / sigma).sum()))
-
-
-def corrections(controls: Controls, sigma: Controls) -> float:
-    """Mean fuel, m/s², that Gaussian deviations add to that of controls: E|u + σξ| - |u|."""
-    from scipy.special import ndtr  # slow to import, and only a risk needs it
-
-    size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
+    beyond = float(ndtr((np.stack([size, -size]) - most) / sigma).sum())
     ratio = size / sigma
     density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
-    return float(2 * (sigma * density - size * ndtr(-ratio)).sum())
+    return min(1.0, beyond), float(2 * (sigma * density - size * ndtr(-ratio)).sum())
 
 
 def _at_node(
@@ -386,3 +381,48 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     ]
     beside = np.where(joined, np.roll(chance, 1), 0.0) + np.where(goes_on, np.roll(chance, -1), 0.0)
     return chance, (chance + beside) * np.minimum(margin * np.maximum(*share), 1.0)
+
+
+def falls_below(
+    mean: Values, variance: Values, step: Values, mixed: Values, step_variance: Values
+) -> Values:
+    """P(X ≥ 0, X + D < 0) of jointly Gaussian X and D, by Owen's T function.
+
+    Owen 1956, "Tables for computing bivariate normal probabilities". Means and variances are of X
+    and of the step D, since X + D may be all but X itself; ``mixed`` is their covariance.
+    """
+    from scipy.special import ndtr, owens_t  # slow to import, and only a risk needs it
+
+    after, variance_after = mean + step, np.maximum(variance + 2 * mixed + step_variance, 0.0)
+    rest = step_variance - mixed**2 / np.maximum(variance, TINY)  # of D, given X
+    rest = np.maximum(np.sqrt(np.maximum(rest, 0.0)), TINY)
+    before, after = (np.where(one == 0, TINY, one) for one in (mean, after))
+    sigma, sigma_after = (np.maximum(np.sqrt(v), TINY) for v in (variance, variance_after))
+    with np.errstate(over="ignore"):
+        slope = (step - mixed / sigma**2 * before) * sigma / (before * rest)
+        back = (mixed + step_variance) / sigma_after**2 * after - step
+        slope_after = back * sigma_after**2 / (sigma * after * rest)
+    u, v = before / sigma, after / sigma_after
+    chance = (ndtr(-v) - ndtr(-u)) / 2 + owens_t(u, slope) + owens_t(v, slope_after)
+    return np.maximum(chance + np.where((u > 0) == (v > 0), 0.0, 0.5), 0.0)
+
+
+def likeliest_direction(mean: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Vectors:
+    """Unit vectors to the points of a sphere at which Gaussian points outside it are likeliest.
+
+    The plane through the likeliest point q of the sphere that is square to it is the one that the
+    most standard deviations lie before (the first-order reliability method). Lagrange's rule gives
+    (1 + μ Σ) q = mean, with μ from ‖q‖ = radius by Newton's method on 1/‖q‖. Means and the radius
+    in m, covariances in m².
+    """
+    spread, axes = np.linalg.eigh(covariance)
+    spread = np.maximum(spread / np.maximum(spread[:, -1:], TINY), 0.0)
+    along, multiplier = np.vecmat(mean, axes), np.zeros((len(mean), 1))
+    for _ in range(NEWTON_STEPS):
+        point = along / (1 + multiplier * spread)
+        far = np.maximum(norm(point), APART)[:, None]
+        slope = (point**2 * spread / (1 + multiplier * spread)).sum(axis=1, keepdims=True) / far**3
+        step = (1 / radius - 1 / far) / np.where(slope > 0, slope, np.inf)
+        multiplier = np.clip(multiplier + step, 0.0, 1 / TINY**0.1)
+    point = along / (1 + multiplier * spread)
+    return np.matvec(axes, point / np.maximum(norm(point), APART)[:, None])

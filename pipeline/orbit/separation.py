@@ -69,11 +69,6 @@ class Separation:
     node: int | None = None  # at which the first lost its thrust; the last: both are at their goals
 
 
-def least_separation(states: States, controls: Controls, problem: Problem) -> Separation:
-    """The least distance of any pair of one swarm at any time of a flown trajectory."""
-    return least_separations(states, controls, problem, side_by_side((len(states),)))[0]
-
-
 def least_separations(
     states: States,
     controls: Controls,

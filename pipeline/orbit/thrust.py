@@ -1,8 +1,7 @@
 """Thrust: what a control costs, how large it may be, and when it may be."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -54,7 +53,6 @@ class Thrust:
     objective: Objective = "total"
 
     def __post_init__(self) -> None:
-        """Refuse values out of range and directions that do not push all ways."""
         fields_as_python(self)
         if not isinstance(self.model, str):
             check_directions(self.model)
@@ -67,11 +65,6 @@ class Thrust:
                 check_range(name, value, 1e-12, 1e6)
         check_windows(self.no_burn)
         check_choice("objective", self.objective, get_args(Objective))
-
-    @classmethod
-    def of(cls, fields: Mapping[str, Any]) -> "Thrust":
-        """The thrust of such fields, as files have them, with lists."""
-        return cls(**fields)
 
     @property
     def total(self) -> str:

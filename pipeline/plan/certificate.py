@@ -447,10 +447,10 @@ def _least_separations(
     states: States, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least separation of each swarm, in a finer bracket where r_col is inside it."""
-    closest = least_separations(states, controls, problem, swarms)
-    for k, apart in enumerate(closest):
-        if apart.bound <= problem.collision_radius < apart.distance:
-            craft = np.flatnonzero(swarms.label == k)
-            alone = states[craft], controls[craft], problem, swarms.alone(k)
-            closest[k] = least_separations(*alone, tolerance=FINE)[0]
+    flown, radius = (states, controls, problem, swarms), problem.collision_radius
+    closest = least_separations(*flown)
+    unsure = [k for k, apart in enumerate(closest) if apart.bound <= radius < apart.distance]
+    if unsure:
+        finer = least_separations(*flown, tolerance=FINE)
+        closest = [finer[k] if k in unsure else apart for k, apart in enumerate(closest)]
     return closest

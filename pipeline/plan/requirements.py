@@ -42,7 +42,6 @@ class RiskLimit:
     errors: Uncertainty | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
         if not LEAST <= self.asked < 1:
             raise InputError(
                 f"risk is {self.asked:g}; expected a probability of at least {LEAST:g} and less "
@@ -81,7 +80,6 @@ class Requirements:
     risk: RiskLimit | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what has no meaning, alone or together."""
         if self.separation not in get_args(Separation):
             raise InputError(
                 f"separation is {self.separation!r}; expected continuous or nodes, to keep craft "

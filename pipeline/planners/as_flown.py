@@ -18,13 +18,13 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
 from pipeline.expert.batch import Batch
-from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.nonlinear import nodes_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
@@ -177,8 +177,7 @@ def _missing(plan: Plan) -> float:
     found, radius = plan.certificate, plan.scenario.problem.collision_radius
     least, drift = found.min_separation_bound, found.passive_safety
     if plan.requirements.at_nodes:
-        i, j = pairs(plan.scenario.n)
-        least = norm(plan.states[i, :, :3] - plan.states[j, :, :3]).min(initial=np.inf)
+        least = node_distances(plan.states).min(initial=np.inf)
     if found.clearance is not None:
         least = radius + found.clearance.min_clearance_bound
     bounds = [least, None if drift is None else drift.min_separation_bound]

@@ -108,7 +108,6 @@ class Prepared:
     tensors: TensorBatch
 
     def __len__(self) -> int:
-        """Number of instances."""
         return len(next(iter(self.tensors.values())))
 
     def at(self, rows: Int[Tensor, "b"]) -> "Prepared":
@@ -156,7 +155,6 @@ class Streamed:
     passes: Iterator[int] = field(default_factory=count)  # of what is endless, those to come
 
     def __len__(self) -> int:
-        """Number of instances."""
         return len(self.source)
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:

@@ -20,6 +20,7 @@ from numba import njit
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.refiner.arrays import constant, rows, where
 from pipeline.networks.refiner.sides import Sides
+from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -102,16 +103,12 @@ class EncounterGeometry:
 
 
 @dataclass(frozen=True, eq=False)
-class Encounters:
+class Encounters(Rows):
     """Pairs of craft in intervals, each an edge of the encounter graph."""
 
     first: Int[Any, "E"]  # first craft
     second: Int[Any, "E"]  # second craft
     interval: Int[Any, "E"]  # which interval, from 0
-
-    def of(self, which: Int[Any, "L"]) -> "Encounters":
-        """The encounters of some indices."""
-        return type(self)(self.first[which], self.second[which], self.interval[which])
 
     @property
     def craft(self) -> Int[Any, "E 2"]:

@@ -179,11 +179,6 @@ class ProblemData:
     met: geometry.Encounters  # encounters that are looked at
     swarm: Int[Any, "E"]  # whose each of these is
 
-    @property
-    def of_craft(self) -> Int[Any, "N"]:
-        """The swarm of each craft."""
-        return like(np.arange(len(self.initial)) // self.n, self.swarm)
-
     def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
         """Σ‖u‖₁ of each swarm."""
         return abs(controls).sum(axis=1).reshape(-1, self.n).sum(axis=1)
@@ -249,7 +244,7 @@ def run_round(
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
-    met, grid = data.met.of(which), data.grid
+    met, grid = data.met[which], data.grid
     craft = met.craft  # (L, 2)
     scene = geometry.scene_of(met.interval, now.near.share[which], met.relative(now.states), grid)
     distance, gain = scene.distance, scene.gain  # (L,), (L, m)
@@ -295,7 +290,7 @@ def _with_first_duals(
     new, xp = indices(first_dual[which, 0] == 0), namespace(first_dual)
     if len(new) == 0:
         return first_dual
-    craft, gain = data.met.of(which[new]).craft, gain[new]
+    craft, gain = data.met[which[new]].craft, gain[new]
     found = [data.own.first_duals(craft[:, k], sign * gain) for k, sign in enumerate((1, -1))]
     return with_rows(first_dual, which[new], xp.clip(xp.stack(found, axis=1), LEAST_DUAL, None))
 
@@ -354,7 +349,7 @@ def cheapest_safe(
     """
     now = start(data)
     best, least, xp = now.controls, safe_fuel(data, now), namespace(now.controls)
-    going = xp.isinf(least)
+    going, of_craft = xp.isinf(least), like(np.arange(len(best)) // data.n, data.swarm)
     for number in range(rounds):
         if not going.any():
             break
@@ -362,7 +357,7 @@ def cheapest_safe(
         now = run_round(weights, data, now, number, going)
         fuel = safe_fuel(data, now)
         better = (fuel < least) | xp.isinf(least)
-        best = xp.where(better[data.of_craft, None], now.controls, best)
+        best = xp.where(better[of_craft, None], now.controls, best)
         going &= ~(abs(fuel - before) <= STEADY * before)
         least = xp.minimum(least, fuel)
     return best, xp.isfinite(least)
@@ -381,7 +376,7 @@ def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b
     Elsewhere a pair that lacks something lacks more in the interval before or after.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
-    distances, _ = geometry.normals(data.met.of(which).relative(now.states), now.near.share[which])
+    distances, _ = geometry.normals(data.met[which].relative(now.states), now.near.share[which])
     of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)
 

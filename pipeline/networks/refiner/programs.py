@@ -22,6 +22,7 @@ from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, rows
 from pipeline.networks.refiner.geometry import Grid
 from pipeline.networks.refiner.sides import Sides
+from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem
 
@@ -40,7 +41,7 @@ MOST_PIVOTS = 500  # pivots after planes were added after which a program is lef
 
 
 @dataclass(frozen=True, eq=False)
-class Decoupled:
+class Decoupled(Rows):
     """The decoupled optimum of each craft and its simplex tableau."""
 
     controls: Float[Any, "N m"]  # of least ‖u‖₁

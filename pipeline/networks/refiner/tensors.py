@@ -180,7 +180,7 @@ class Decoupled(programs.Decoupled):
         assert isinstance(sides, PaddedSides)
         side, real = sides.table
         row = sides.by_craft(torch.stack([gain, -gain], dim=1).flatten(0, 1))
-        controls, paid = self.of(sides.craft).solved(row, asked.reshape(-1)[side], real)
+        controls, paid = self[sides.craft].solved(row, asked.reshape(-1)[side], real)
         dual = torch.zeros_like(asked).reshape(-1)
         dual[side[real]] = paid[real]
         return controls, dual.reshape(asked.shape)
@@ -189,11 +189,7 @@ class Decoupled(programs.Decoupled):
         self, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"]
     ) -> Float[Tensor, "k"]:
         """As ``programs.Decoupled.first_duals``."""
-        return self.of(craft).first_ratios(gain[:, None])[:, 0]
-
-    def of(self, craft: Int[Tensor, "C"]) -> "Decoupled":
-        """The decoupled optima of some craft."""
-        return Decoupled(*(values[craft] for values in vars(self).values()))
+        return self[craft].first_ratios(gain[:, None])[:, 0]
 
     def first_ratios(self, row: Float[Tensor, "C p m"]) -> Float[Tensor, "C p"]:
         """What the first unit along each row of a craft costs it: the dual simplex ratio."""

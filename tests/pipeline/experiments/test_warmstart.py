@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import pytest
+from one_swarm import least_separation
 
 from pipeline.experiments.warmstart import RULES, run_warmstarts
 from pipeline.expert import SEEDS
 from pipeline.expert.plain import PlainScp
 from pipeline.expert.seeds import decoupled_seed
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separation
 from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 

@@ -8,6 +8,7 @@ import pytest
 import readable
 from judge import Case
 from judge.separation import closest_approaches
+from one_swarm import least_separation
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InputError
@@ -20,7 +21,6 @@ from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
 from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, SOLVED, UNSOLVED, Requirements
 from pipeline.planners.classical import Expert

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judge import Case
+from one_swarm import least_separation
 from scipy.stats import ncx2
 from trials import Errors, corrected, frequency, frequency_corrected, wilson
 
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS, solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separation
 from pipeline.orbit.thrust import Thrust
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Requirements, RiskLimit
 from pipeline.scenario import Scenario, draw

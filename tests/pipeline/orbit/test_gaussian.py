@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from pipeline.orbit.gaussian import falls_below, likeliest_direction
+from pipeline.orbit.risk import falls_below, likeliest_direction
 
 
 def below(mean, deviation, step, correlation, step_deviation):

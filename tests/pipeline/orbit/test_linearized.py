@@ -8,6 +8,7 @@ import pytest
 from by_brahe import acceleration_by_brahe, flown_by_brahe
 from koenig import mean_elements, relative_elements, transition
 from numpy.polynomial import chebyshev
+from one_swarm import least_separation
 from relative import (
     forced,
     linear_flight,
@@ -25,7 +26,6 @@ from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import MU_EARTH, R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly, free_drift, minimum_energy
 
 

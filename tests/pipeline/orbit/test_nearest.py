@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from one_swarm import least_separation
 
 from pipeline.expert import decoupled_optima
 from pipeline.flight.effects import fly_controls
@@ -12,7 +13,6 @@ from pipeline.orbit.nearest import nearer, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.separation import least_separation
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import Scenario, draw
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from judge import Case
 from judge.separation import closest_approaches
+from one_swarm import least_separation
 from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 
@@ -16,7 +17,6 @@ from pipeline.orbit.bezier import equal_parts
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
-    least_separation,
     least_separations,
     node_collisions,
     pair_conflicts,

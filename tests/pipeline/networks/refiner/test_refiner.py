@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from one_swarm import least_separation
 
 from pipeline.dataset.examples import Examples
 from pipeline.networks.architecture import find, recipe_for, swarms
@@ -23,7 +24,7 @@ from pipeline.networks.refiner.model import (
     start,
 )
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import least_separation, pair_conflicts
+from pipeline.orbit.separation import pair_conflicts
 from pipeline.orbit.transfer import fly, minimum_energy, track
 from pipeline.scenario import draw
 from pipeline.training.loop import train
