@@ -90,18 +90,6 @@ EXTRAS = {
 }
 
 
-def missing(error: ModuleNotFoundError) -> InputError | None:
-    """The error for a package that an extra brings, or None where none does."""
-    package = (error.name or "").partition(".")[0]
-    for extra, packages in EXTRAS.items():
-        if package in packages:
-            return InputError(
-                f"this needs {package}, which is not installed; expected the extra `{extra}`: "
-                f"pip install 'prolearn[{extra}]'."
-            )
-    return None
-
-
 @contextmanager
 def told_where(where: object) -> Iterator[None]:
     """Prefix InputErrors raised in the block with the file or field that they are about."""
@@ -117,6 +105,11 @@ def told_which_extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if (said := missing(error)) is None:
-            raise
-        raise said from error
+        package = (error.name or "").partition(".")[0]
+        for extra, packages in EXTRAS.items():
+            if package in packages:
+                raise InputError(
+                    f"this needs {package}, which is not installed; expected the extra `{extra}`: "
+                    f"pip install 'prolearn[{extra}]'."
+                ) from error
+        raise
