@@ -1,4 +1,4 @@
-"""Check and plan scenarios, and trade fuel against transfer time."""
+"""Plan scenarios, and trade fuel against transfer time."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -10,15 +10,10 @@ from pipeline.flight.conditions import Conditions, conditions_of, in_world
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner
-from pipeline.scenario import Diagnostic, Scenario, diagnostics
+from pipeline.scenario import Scenario
 from pipeline.scenario import check as refuse_formations
 from pipeline.tradeoff import Goal, Point, arcs_between
 from pipeline.tradeoff import tradeoff as planned_for
-
-
-def check(scenario: Scenario) -> list[Diagnostic]:
-    """All that is wrong with a scenario, by how much, and what is fine."""
-    return diagnostics(scenario)
 
 
 def planner(
