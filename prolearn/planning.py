@@ -79,9 +79,8 @@ def plan(
     asked = Requirements(separation, passive_safety, risk)
     options: dict[str, Any] = {"effort": effort, "raw": raw, "assignment": assignment}
     if isinstance(planner, str):
-        chosen = planner_of(planner, asked, **options)
-        return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
-    if (asked, *options.values()) != (Requirements(), None, False, "given"):
+        planner = planner_of(planner, asked, **options)
+    elif (asked, *options.values()) != (Requirements(), None, False, "given"):
         raise InputError(
             f"the planner {planner.name} is given with options of one, which it has its own of; "
             "expected its name with them, or the planner alone."
