@@ -89,9 +89,7 @@ def by_dccp(scenario: Scenario) -> Controls:
     return UNIT * np.stack([u.value for u in model.controls], axis=1)
 
 
-@lru_cache(maxsize=4)
-def _plain(n: int, problem: Problem) -> PlainScp:
-    return PlainScp(n, problem)
+_plain = lru_cache(maxsize=4)(PlainScp)
 
 
 def by_plain_scp(scenario: Scenario) -> Controls:
@@ -238,9 +236,7 @@ class OpenScvx:
         return u[:-1].reshape(-1, n, 3).swapaxes(0, 1)
 
 
-@lru_cache(maxsize=4)
-def _openscvx(n: int, problem: Problem, size: float) -> OpenScvx:
-    return OpenScvx(n, problem, size)
+_openscvx = lru_cache(maxsize=4)(OpenScvx)
 
 
 def by_openscvx(scenario: Scenario) -> Controls:
