@@ -43,11 +43,11 @@ def check_whole(name: str, value: int, least: int, most: int) -> None:
     check_range(name, value, least, most)
 
 
-def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
-    """Refuse a vector of another size or with values that are not finite, by an InputError."""
-    fine = isinstance(given, tuple | list) and len(given) == size
+def check_vector(name: str, given: Sequence[float]) -> None:
+    """Refuse what is no vector of three finite numbers by an InputError."""
+    fine = isinstance(given, tuple | list) and len(given) == 3
     if not fine or not all(is_number(one) and isfinite(one) for one in given):
-        raise InputError(f"{name} is {given}; expected {size} finite numbers.")
+        raise InputError(f"{name} is {given}; expected 3 finite numbers.")
 
 
 def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
