@@ -171,10 +171,8 @@ def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None)
     """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
 
     A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.
-
-    Raises:
-        InputError: without a reference orbit, masses or a specific impulse, or for states that are
-            not what the controls lead to.
+    InputError without a reference orbit, masses or a specific impulse, or for states that are not
+    what the controls lead to.
     """
     epoch = reference_of(plan.scenario).epoch
     if masses is None or masses.specific_impulse is None:
