@@ -18,6 +18,7 @@ expected and what to do. What a light installation leaves out is imported when i
 an ``InputError`` says which extra has it.
 """
 
+from cli.jobs.planner import planner_of as planner
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.flight.conditions import Conditions
@@ -41,7 +42,7 @@ from pipeline.scenario.waypoint import Waypoint
 from pipeline.tradeoff import Point
 from prolearn.flying import MonteCarlo, fly, monte_carlo
 from prolearn.learned import load_model, models, read_dataset
-from prolearn.planning import plan, plan_all, planner, tradeoff
+from prolearn.planning import plan, plan_all, tradeoff
 from prolearn.swarms import Ring, scenario, scenario_from_files
 from prolearn.views import Page, Plot, convert, plot, show
 

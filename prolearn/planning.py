@@ -16,31 +16,6 @@ from pipeline.tradeoff import Goal, Point, arcs_between
 from pipeline.tradeoff import tradeoff as planned_for
 
 
-def planner(
-    name: str = "expert",
-    requirements: Requirements = AT_ALL_TIMES,
-    *,
-    effort: Effort | None = None,
-    raw: bool = False,
-    assignment: str = "given",
-) -> Planner:
-    """The planner of a name, whose ``plan`` takes several scenarios of one problem and one n.
-
-    Args:
-        name: expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a registered
-            model such as lstm2 or ff1:paper.
-        requirements: what its plans must satisfy; by default separation at all times.
-        effort: of the expert: first, default or best. By default the second; after a model the
-            first, and after the refiner that only where it has no safe plan.
-        raw: a model's own plan, safe or not, without the expert after it.
-        assignment: optimal, if craft are interchangeable and take the goals that cost least.
-
-    Raises:
-        InputError: for a name that no planner has, or an option that it has no use for.
-    """
-    return planner_of(name, requirements, effort, raw=raw, assignment=assignment)
-
-
 def plan(
     scenario: Scenario,
     planner: str | Planner = "expert",
@@ -142,4 +117,4 @@ def tradeoff(
 
 def planner_from(given: str | Planner, requirements: Requirements = AT_ALL_TIMES) -> Planner:
     """A planner object as it is, or the planner of a name with some requirements."""
-    return planner_of(given, requirements, None) if isinstance(given, str) else given
+    return planner_of(given, requirements) if isinstance(given, str) else given
