@@ -10,8 +10,6 @@ from pipeline.export.messages import write_ephemerides, write_parameters
 from pipeline.export.tables import write_csv, write_parquet
 from pipeline.plan import Plan
 
-__all__ = ["FORMATS", "Format", "write_plan_as"]
-
 
 @dataclass(frozen=True)
 class Format:

@@ -28,8 +28,6 @@ from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
 from pipeline.report.html import html_page
 
-__all__ = ["ReportFiles", "Results", "build_report", "no_rows"]
-
 TITLE = "Learned swarm transfers between passive relative orbits"
 
 QUESTIONS = [
