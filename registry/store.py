@@ -104,7 +104,8 @@ def connect(*more: str, create: bool = True) -> Store:
     uri = os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
     with explained(uri):
         store = _connect(uri, create, (*EXPERIMENTS, *more))
-        close_abandoned(store)
+        with suppress(*FAILURES):
+            clear_dead(*store.locks, lambda name: _close(store.client, name))
     clear_scratch()
     return store
 
@@ -154,14 +155,8 @@ def recorded_run(
             store.client.delete_tag(run.info.run_id, key)
 
 
-def close_abandoned(store: Store) -> None:
-    """Mark as KILLED, where possible, runs that dead processes of this machine were writing."""
-    with suppress(*FAILURES):
-        clear_dead(*store.locks, lambda name: _close(store.client, name))
-
-
 def _close(client: Any, name: str) -> None:
-    """Close the runs that the dead holder of a lock file was writing, and that nobody else is."""
+    """Mark as KILLED the runs that the dead holder of a lock file was writing, and nobody else."""
     key = f"{WRITER}{name[-TOKEN:]}"
     experiments = [found.experiment_id for found in pages(client.search_experiments)]
     query = {"experiment_ids": experiments, "filter_string": f"tags.`{key}` LIKE '%'"}
