@@ -60,11 +60,9 @@ class CommandGroup(TyperGroup):
                 raise
             _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
         except KeyboardInterrupt as stop:
-            word, status = (
-                ("terminated", TERMINATED)
-                if isinstance(stop, Terminated)
-                else ("interrupted", INTERRUPTED)
-            )
+            word, status = "interrupted", INTERRUPTED
+            if isinstance(stop, Terminated):
+                word, status = "terminated", TERMINATED
             # Commands that say nothing of what is kept go on where they were, when run again.
             _stop(ctx, f"{word}; {str(stop) or 'what was finished is kept.'}", status)
 
