@@ -5,6 +5,7 @@ as its examples have it; and each craft's own optimum, repaired where craft meet
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from importlib import import_module
 from itertools import combinations
@@ -22,7 +23,7 @@ from pipeline.expert.seeds import decoupled_seed
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.scenario import Scenario
 
 POINTS, MARGIN, SWEEPS, ROUNDS = 8, 0.5, 10, 3
@@ -89,9 +90,7 @@ def by_dccp(scenario: Scenario) -> Controls:
     return UNIT * np.stack([u.value for u in model.controls], axis=1)
 
 
-@lru_cache(maxsize=4)
-def _plain(n: int, problem: Problem) -> PlainScp:
-    return PlainScp(n, problem)
+_plain = lru_cache(maxsize=4)(PlainScp)
 
 
 def by_plain_scp(scenario: Scenario) -> Controls:
@@ -101,17 +100,11 @@ def by_plain_scp(scenario: Scenario) -> Controls:
 
 
 def _sampled(problem: Problem) -> tuple[Float[Array, "S 6 6"], Float[Array, "S 6 m"]]:
-    """Transfer maps to POINTS times in each interval."""
-    m, step = 3 * problem.intervals, problem.time_step
-    drift, reach = [np.eye(6)], [np.zeros((6, m))]
-    for k in range(problem.intervals):
-        for q in range(1, POINTS + 1):
-            A, B = problem.dynamics.step(step * q / POINTS)
-            pushed = A @ reach[k * POINTS]
-            pushed[:, 3 * k : 3 * k + 3] += B
-            drift.append(A @ drift[k * POINTS])
-            reach.append(pushed)
-    return np.stack(drift), np.stack(reach)
+    """Transfer maps to POINTS times in each interval: of finer ones that share their controls."""
+    K, step = problem.intervals, problem.time_step / POINTS
+    maps = transfer_maps(replace(problem, time_step=step, nodes=K * POINTS + 1))
+    shared = maps.reach.reshape(-1, 6, K, POINTS, 3).sum(axis=3)
+    return maps.drift, shared.reshape(-1, 6, 3 * K)
 
 
 def by_repair(scenario: Scenario) -> Controls:
@@ -238,9 +231,7 @@ class OpenScvx:
         return u[:-1].reshape(-1, n, 3).swapaxes(0, 1)
 
 
-@lru_cache(maxsize=4)
-def _openscvx(n: int, problem: Problem, size: float) -> OpenScvx:
-    return OpenScvx(n, problem, size)
+_openscvx = lru_cache(maxsize=4)(OpenScvx)
 
 
 def by_openscvx(scenario: Scenario) -> Controls:

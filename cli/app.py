@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from cli.output import echo, escape_unencodable
-from pipeline.errors import InputError, ProlearnError, missing
+from pipeline.errors import InputError, ProlearnError, told_which_extra
 from pipeline.files import refuse_special, unfinished
 from pipeline.text import public, visible
 
@@ -50,25 +50,19 @@ class CommandGroup(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
         try:
-            with _sigterm_raises():
+            with _sigterm_raises(), told_which_extra():
                 return super().invoke(ctx)
         except USAGE as error:
             error.message = visible(error.message)
             raise
-        except ModuleNotFoundError as error:
-            if (said := missing(error)) is None:
-                raise
-            _stop(ctx, str(said), BAD_INPUT)
         except (ProlearnError, OSError) as error:
             if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
                 raise
             _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
         except KeyboardInterrupt as stop:
-            word, status = (
-                ("terminated", TERMINATED)
-                if isinstance(stop, Terminated)
-                else ("interrupted", INTERRUPTED)
-            )
+            word, status = "interrupted", INTERRUPTED
+            if isinstance(stop, Terminated):
+                word, status = "terminated", TERMINATED
             # Commands that say nothing of what is kept go on where they were, when run again.
             _stop(ctx, f"{word}; {str(stop) or 'what was finished is kept.'}", status)
 

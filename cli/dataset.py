@@ -9,7 +9,7 @@ import typer
 from cli.options import given_options, refuse, with_settings, workers_of
 from cli.output import echo, print_json, stdout_for_document
 from cli.progress import progress
-from cli.settings import AsJson, Family, FolderWorkers, ProblemSettings, Separation, flag, option
+from cli.settings import AsJson, Family, FolderWorkers, ProblemSettings, Separation, option
 from pipeline.errors import InputError
 from pipeline.text import public_url
 
@@ -157,7 +157,7 @@ def card(
         str, option("Of the data, by its identifier, such as cc-by-4.0.", "--license")
     ] = "mit",
     replace: Annotated[
-        bool, flag("--force", "Replace a README.md that says something else.")
+        bool, option("Replace a README.md that says something else.", "--force")
     ] = False,
 ) -> None:
     """Write README.md into a solved dataset: its card, for readers and dataset hubs.
@@ -189,13 +189,13 @@ def verify(
     workers: FolderWorkers,
     mend: Annotated[
         bool,
-        flag(
-            "--repair",
+        option(
             "Do damaged shards again; foreign files go to _foreign/, damaged ones to _damaged/.",
+            "--repair",
         ),
     ] = False,
     yes: Annotated[
-        bool, flag("--yes", "Set files aside, too, that hold sound rows of another dataset.")
+        bool, option("Set files aside, too, that hold sound rows of another dataset.", "--yes")
     ] = False,
     as_json: AsJson = False,
 ) -> None:

@@ -56,13 +56,8 @@ def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = Fa
     """
     from cli.jobs.experiments import warmstart as job
 
-    _run(
-        "warm starts",
-        "Warm starts done",
-        job,
-        settings,
-        RunSettings(resume=resume, as_json=as_json),
-    )
+    how = RunSettings(resume=resume, as_json=as_json)
+    _run("warm starts", "Warm starts done", job, settings, how)
 
 
 @with_settings

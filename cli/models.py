@@ -13,7 +13,7 @@ from rich.table import Table
 from cli.app import CommandGroup
 from cli.output import echo, plain_text, print_json, print_table, stdout_for_document
 from cli.progress import each
-from cli.settings import AsJson, flag, option
+from cli.settings import AsJson, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def promote(
         option("Dataset whose validation split decides; by default what it was trained on."),
     ] = None,
     force: Annotated[
-        bool, flag("--force", "Also where it does no better than the champion.")
+        bool, option("Also where it does no better than the champion.", "--force")
     ] = False,
 ) -> None:
     """Make a version the champion, which commands take when a model is named alone.
@@ -185,7 +185,7 @@ def export(
         ),
     ] = None,
     flown: Annotated[
-        bool, flag("--flown", "Project onto transfers that can be flown; adds controls.")
+        bool, option("Project onto transfers that can be flown; adds controls.", "--flown")
     ] = False,
 ) -> None:
     """Write models for on-board use, each as one file with a model card beside it.

@@ -14,7 +14,7 @@ from cli.options import refuse, with_settings
 from cli.output import echo, note, print_json, print_table, stdout_for_document, stdout_free
 from cli.plan_table import HEADINGS, is_unsolved, plan_cells, planner_cell, print_plans
 from cli.progress import progress
-from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, flag, option
+from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, number
 from pipeline.files import STDIO, refuse_special, stem_of
@@ -40,7 +40,7 @@ def plan(
     *,
     planning: Planning,
     raw: Annotated[
-        bool, flag("--raw", "A model's own plan, safe or not, without the expert after it.")
+        bool, option("A model's own plan, safe or not, without the expert after it.", "--raw")
     ] = False,
     risk: RiskSettings,
     passive_safety: Annotated[
@@ -53,7 +53,7 @@ def plan(
     ] = None,
     world: Annotated[
         bool,
-        flag("--world", "Plan for the flight about an oblate Earth, with the conditions below."),
+        option("Plan for the flight about an oblate Earth, with the conditions below.", "--world"),
     ] = False,
     conditions: FlightConditions,
     as_json: AsJson = False,

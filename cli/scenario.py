@@ -22,7 +22,6 @@ from cli.settings import (
     OrbitPlace,
     ProblemSettings,
     ThrustSettings,
-    flag,
     option,
 )
 from pipeline.errors import InputError
@@ -85,7 +84,7 @@ def new(
     thrust: ThrustSettings,
     place: OrbitPlace,
     files: InertialFiles,
-    force: Annotated[bool, flag("--force", "Replace a file that is there already.")] = False,
+    force: Annotated[bool, option("Replace a file that is there already.", "--force")] = False,
 ) -> None:
     """Write a scenario file: a draw of a family, rings or inertial states of your own.
 
@@ -233,7 +232,7 @@ def _show(found: "list[Diagnostic]") -> None:
 
 
 @app.command()
-def schema(plan: Annotated[bool, flag("--plan", "Of plan files instead.")] = False) -> None:
+def schema(plan: Annotated[bool, option("Of plan files instead.", "--plan")] = False) -> None:
     """Print the JSON Schema of scenario files: every field, its type and its unit.
 
     Editors that know it complete fields and mark mistakes while one types.

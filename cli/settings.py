@@ -32,17 +32,12 @@ def setting(text: str, *names: str, default: Any = None, **more: Any) -> Any:
     return field(default=default, metadata={OPTION: option(text, *names, **more)})
 
 
-def flag(name: str, text: str) -> Any:
-    """An option without a value."""
-    return typer.Option(name, help=text)
-
-
 _thrust = partial(setting, rich_help_panel="Thrusters and burns")
 _states = partial(setting, rich_help_panel="Inertial states of your own")
 _condition = partial(setting, rich_help_panel="Conditions of the flight")
 _trial = partial(setting, rich_help_panel="Trials with errors")
 
-AsJson = Annotated[bool, flag("--json", "Print one JSON document, and all else on stderr.")]
+AsJson = Annotated[bool, option("Print one JSON document, and all else on stderr.", "--json")]
 Jobs = Annotated[int, option("Processes; -1 for all cores.")]
 Separation = Annotated[
     Literal["continuous", "nodes"], option("Keep craft apart at all times, or at the nodes only.")
@@ -66,10 +61,10 @@ RefinerDevice = Annotated[
 ]
 Resume = Annotated[
     bool,
-    flag(
-        "--resume",
+    option(
         "Nothing to do where data, models, settings and versions are as before; a run that was "
         "killed goes on.",
+        "--resume",
     ),
 ]
 

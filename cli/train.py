@@ -10,7 +10,7 @@ from cli.models import document_of
 from cli.options import architectures, int_list, name_list, with_settings, workers_of
 from cli.output import echo, print_json, print_result, stdout_for_document
 from cli.progress import progress
-from cli.settings import AsJson, TrainingSettings, TrainingWorkers, TuningSettings, flag, option
+from cli.settings import AsJson, TrainingSettings, TrainingWorkers, TuningSettings, option
 from pipeline.errors import InputError
 from pipeline.text import public_url
 
@@ -35,7 +35,7 @@ def train(
     workers: TrainingWorkers,
     seed: Annotated[str, option("Of weights, order and dropout; several as 0,1 or 0..2.")] = "0",
     resume: Annotated[
-        bool, flag("--resume", "Leave out what was trained before on the same data.")
+        bool, option("Leave out what was trained before on the same data.", "--resume")
     ] = False,
     as_json: AsJson = False,
 ) -> None:

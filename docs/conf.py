@@ -1,26 +1,22 @@
 """How the documentation is built: `make docs` writes it to build/docs, warnings as errors."""
 
-import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import jaxtyping  # noqa: F401, so that annotations read Float[Array, "n 6"]
-
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE / "_ext"))
+from docutils import nodes
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+from sphinx.util.math import get_node_equation_number
 
 project = "prolearn"
 author = "The prolearn authors"
-release = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["version"]
+pyproject = Path(__file__).parents[1] / "pyproject.toml"
+release = tomllib.loads(pyproject.read_text())["project"]["version"]
 
-extensions = [
-    "myst_nb",
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
-    "sphinx_copybutton",
-    "mathml",
-]
-exclude_patterns = ["_build", "_ext"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+exclude_patterns = ["_build"]
 
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
@@ -43,3 +39,24 @@ html_math_renderer = "mathml"
 html_show_copyright = False
 html_show_sphinx = False
 copybutton_prompt_text = "$ "
+
+
+def inline(translator: Any, node: nodes.math) -> None:
+    """A formula within a line, as MathML, which browsers draw without network and script."""
+    translator.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def block(translator: Any, node: nodes.math_block) -> None:
+    """A formula of its own, with its number where it has one."""
+    translator.body.append(translator.starttag(node, "div", CLASS="math"))
+    if node["number"]:
+        number = get_node_equation_number(translator, node)
+        translator.body.append(f'<span class="eqno">({number})</span>')
+    translator.body.append(convert(node.astext(), display="block") + "</div>\n")
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> None:
+    """Offer formulas as MathML as html_math_renderer."""
+    app.add_html_math_renderer("mathml", (inline, None), (block, None))

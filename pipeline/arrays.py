@@ -10,20 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "Array",
-    "ArrayOrNumber",
-    "Bool",
-    "Float",
-    "Float64",
-    "Int",
-    "Shaped",
-    "fields_as_python",
-    "like",
-    "namespace",
-    "plain",
-    "tensor",
-]
+__all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # of jaxtyping, for others to import here
 
 if TYPE_CHECKING:
     Array = npt.NDArray[Any]

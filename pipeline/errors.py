@@ -44,7 +44,7 @@ def check_whole(name: str, value: int, least: int, most: int) -> None:
 
 
 def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
-    """Refuse a vector of another size or with values that are not finite, by an InputError."""
+    """Refuse what is no vector of so many finite numbers by an InputError."""
     fine = isinstance(given, tuple | list) and len(given) == size
     if not fine or not all(is_number(one) and isfinite(one) for one in given):
         raise InputError(f"{name} is {given}; expected {size} finite numbers.")
@@ -90,18 +90,6 @@ EXTRAS = {
 }
 
 
-def missing(error: ModuleNotFoundError) -> InputError | None:
-    """The error for a package that an extra brings, or None where none does."""
-    package = (error.name or "").partition(".")[0]
-    for extra, packages in EXTRAS.items():
-        if package in packages:
-            return InputError(
-                f"this needs {package}, which is not installed; expected the extra `{extra}`: "
-                f"pip install 'prolearn[{extra}]'."
-            )
-    return None
-
-
 @contextmanager
 def told_where(where: object) -> Iterator[None]:
     """Prefix InputErrors raised in the block with the file or field that they are about."""
@@ -117,6 +105,11 @@ def told_which_extra() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if (said := missing(error)) is None:
-            raise
-        raise said from error
+        package = (error.name or "").partition(".")[0]
+        for extra, packages in EXTRAS.items():
+            if package in packages:
+                raise InputError(
+                    f"this needs {package}, which is not installed; expected the extra `{extra}`: "
+                    f"pip install 'prolearn[{extra}]'."
+                ) from error
+        raise

@@ -18,6 +18,7 @@ expected and what to do. What a light installation leaves out is imported when i
 an ``InputError`` says which extra has it.
 """
 
+from cli.jobs.planner import planner_of as planner
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
 from pipeline.flight.conditions import Conditions
@@ -34,13 +35,14 @@ from pipeline.plan import Certificate, Plan, Requirements, RiskLimit
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario import FAMILIES, Diagnostic, Scenario, draw
+from pipeline.scenario import diagnostics as check
 from pipeline.scenario.document import read_scenario, write_scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
 from pipeline.tradeoff import Point
 from prolearn.flying import MonteCarlo, fly, monte_carlo
 from prolearn.learned import load_model, models, read_dataset
-from prolearn.planning import check, plan, plan_all, planner, tradeoff
+from prolearn.planning import plan, plan_all, tradeoff
 from prolearn.swarms import Ring, scenario, scenario_from_files
 from prolearn.views import Page, Plot, convert, plot, show
 

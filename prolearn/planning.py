@@ -1,4 +1,4 @@
-"""Check and plan scenarios, and trade fuel against transfer time."""
+"""Plan scenarios, and trade fuel against transfer time."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -10,41 +10,10 @@ from pipeline.flight.conditions import Conditions, conditions_of, in_world
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner
-from pipeline.scenario import Diagnostic, Scenario, diagnostics
+from pipeline.scenario import Scenario
 from pipeline.scenario import check as refuse_formations
 from pipeline.tradeoff import Goal, Point, arcs_between
 from pipeline.tradeoff import tradeoff as planned_for
-
-
-def check(scenario: Scenario) -> list[Diagnostic]:
-    """All that is wrong with a scenario, by how much, and what is fine."""
-    check_kind("scenario", scenario, Scenario)
-    return diagnostics(scenario)
-
-
-def planner(
-    name: str = "expert",
-    requirements: Requirements = AT_ALL_TIMES,
-    *,
-    effort: Effort | None = None,
-    raw: bool = False,
-    assignment: str = "given",
-) -> Planner:
-    """The planner of a name, whose ``plan`` takes several scenarios of one problem and one n.
-
-    Args:
-        name: expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a registered
-            model such as lstm2 or ff1:paper.
-        requirements: what its plans must satisfy; by default separation at all times.
-        effort: of the expert: first, default or best. By default the second; after a model the
-            first, and after the refiner that only where it has no safe plan.
-        raw: a model's own plan, safe or not, without the expert after it.
-        assignment: optimal, if craft are interchangeable and take the goals that cost least.
-
-    Raises:
-        InputError: for a name that no planner has, or an option that it has no use for.
-    """
-    return planner_of(name, requirements, effort, raw=raw, assignment=assignment)
 
 
 def plan(
@@ -78,7 +47,6 @@ def plan(
     Raises:
         InputError: for formations that no transfer can start from or end in safely.
     """
-    check_kind("scenario", scenario, Scenario)
     check_kind("world", world, Conditions | bool)
     refuse_formations(scenario, allow_drift=allow_drift)
     if world:
@@ -86,9 +54,8 @@ def plan(
     asked = Requirements(separation, passive_safety, risk)
     options: dict[str, Any] = {"effort": effort, "raw": raw, "assignment": assignment}
     if isinstance(planner, str):
-        chosen = planner_of(planner, asked, **options)
-        return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
-    if (asked, *options.values()) != (Requirements(), None, False, "given"):
+        planner = planner_of(planner, asked, **options)
+    elif (asked, *options.values()) != (Requirements(), None, False, "given"):
         raise InputError(
             f"the planner {planner.name} is given with options of one, which it has its own of; "
             "expected its name with them, or the planner alone."
@@ -143,7 +110,6 @@ def tradeoff(
     Raises:
         InputError: for a range without a whole number of arcs, and as in ``plan``.
     """
-    check_kind("scenario", scenario, Scenario)
     refuse_formations(scenario)
     arcs = arcs_between(shortest, longest, scenario.problem.time_step, steps)
     return planned_for(scenario, arcs, planner_from(planner), goal)
@@ -151,4 +117,4 @@ def tradeoff(
 
 def planner_from(given: str | Planner, requirements: Requirements = AT_ALL_TIMES) -> Planner:
     """A planner object as it is, or the planner of a name with some requirements."""
-    return planner_of(given, requirements, None) if isinstance(given, str) else given
+    return planner_of(given, requirements) if isinstance(given, str) else given

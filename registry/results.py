@@ -25,8 +25,7 @@ from pipeline.storage.shards import digest_of
 from pipeline.storage.tables import table_bytes, table_from
 from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
-from registry.running import recorded_run
-from registry.store import EVALUATION, Store, connect, opened
+from registry.store import EVALUATION, Store, connect, opened, recorded_run
 
 LISTED = 5  # most runs that an error message names
 

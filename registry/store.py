@@ -1,15 +1,20 @@
-"""The MLflow tracking store: opened safely, an SQLite file checked, failures as sentences."""
+"""The MLflow tracking store: opened safely, an SQLite file checked, failures as sentences.
+
+A process that writes runs holds a lock file, whose token is in a tag of each run. Whoever opens
+the store next and finds a lock file that nobody holds closes the runs with its tag.
+"""
 
 import hashlib
 import logging
 import os
+import platform
 import sqlite3
 import ssl
 import tempfile
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
@@ -21,12 +26,12 @@ from filelock import FileLock, Timeout
 from mlflow.entities import ViewType
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
+from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.scratch import clear_scratch
+from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
 from pipeline.text import public, public_url
 from registry.entities import pages
-from registry.running import FAILURES, close_abandoned
 
 DEFAULT_URI = "sqlite:///mlflow.db"
 
@@ -53,6 +58,11 @@ PROCESS_DEFAULTS = {
 
 LOCK_SECONDS = 120.0
 """How long another process may take to set up a fresh store; a few seconds is usual."""
+
+WRITER = "writer."  # prefix of the tag that has the token of a process that writes a run
+
+FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
+"""What MLflow raises where a store fails, or its files are where it cannot reach them."""
 
 ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
 
@@ -94,7 +104,8 @@ def connect(*more: str, create: bool = True) -> Store:
     uri = os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
     with explained(uri):
         store = _connect(uri, create, (*EXPERIMENTS, *more))
-        close_abandoned(store)
+        with suppress(*FAILURES):
+            clear_dead(*store.locks, lambda name: _close(store.client, name))
     clear_scratch()
     return store
 
@@ -121,6 +132,39 @@ def explained(uri: str) -> Iterator[None]:
             "one that can be read and written: check MLFLOW_TRACKING_URI, the server and the space "
             "on the disk."
         ) from error
+
+
+@contextmanager
+def recorded_run(
+    store: Store, experiment: str, name: str, tags: Mapping[str, str], *, again: str | None = None
+) -> Iterator[str]:
+    """An MLflow run, new or of the id ``again``: FINISHED after the block, or FAILED."""
+    folder, prefix = store.locks
+    with held_lock_file(folder, prefix, keep_on_error=True) as process:
+        key = f"{WRITER}{process[-TOKEN:]}"
+        with mlflow.start_run(
+            run_id=again,
+            experiment_id=store.experiments[experiment],
+            run_name=name,
+            tags={**tags, key: platform.node() or "unknown"},
+            nested=True,
+            log_system_metrics=False,
+        ) as run:
+            yield run.info.run_id
+        with suppress(*FAILURES):  # a tag that stays does no harm
+            store.client.delete_tag(run.info.run_id, key)
+
+
+def _close(client: Any, name: str) -> None:
+    """Mark as KILLED the runs that the dead holder of a lock file was writing, and nobody else."""
+    key = f"{WRITER}{name[-TOKEN:]}"
+    experiments = [found.experiment_id for found in pages(client.search_experiments)]
+    query = {"experiment_ids": experiments, "filter_string": f"tags.`{key}` LIKE '%'"}
+    for run in list(pages(client.search_runs, **query)):
+        writers = [tag for tag in run.data.tags if tag.startswith(WRITER)]
+        if run.info.status == "RUNNING" and writers == [key]:
+            client.set_terminated(run.info.run_id, "KILLED")
+        client.delete_tag(run.info.run_id, key)
 
 
 def _prepare_process() -> None:

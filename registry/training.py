@@ -32,8 +32,7 @@ from pipeline.training.loop import Trained
 from registry import entities, models
 from registry.environment import TRAINED_BY, environment_tags, requirements
 from registry.pyfunc import SIGNATURE
-from registry.running import recorded_run
-from registry.store import TRAINING, Store, opened
+from registry.store import TRAINING, Store, opened, recorded_run
 
 CURVES = ("train_loss", "valid_loss")
 

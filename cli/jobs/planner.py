@@ -5,24 +5,35 @@ import re
 from pipeline.errors import InputError, check_choice, told_which_extra
 from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.networks.recipes import architecture_names
-from pipeline.plan import Requirements
+from pipeline.plan import AT_ALL_TIMES, Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import NAMES, named_planner
 from pipeline.planners.planner import Planner
 
 
 def planner_of(
-    name: str,
-    requirements: Requirements,
-    effort: Effort | None,
+    name: str = "expert",
+    requirements: Requirements = AT_ALL_TIMES,
+    effort: Effort | None = None,
     *,
     raw: bool = False,
     assignment: str = "given",
 ) -> Planner:
-    """The planner of a name; all but models need neither MLflow nor torch.
+    """The planner of a name, whose ``plan`` takes several scenarios of one problem and one n.
 
-    With the assignment "optimal" craft are interchangeable, and take the goals that cost least.
-    InputError for a name that no planner has, or an option that it has no use for.
+    All but registered models need neither MLflow nor torch.
+
+    Args:
+        name: expert, refiner, minimum-energy, straight-line, decoupled-optimum, or a registered
+            model such as lstm2 or ff1:paper.
+        requirements: what its plans must satisfy; by default separation at all times.
+        effort: of the expert: first, default or best. By default the second; after a model the
+            first, and after the refiner that only where it has no safe plan.
+        raw: a model's own plan, safe or not, without the expert after it.
+        assignment: optimal, if craft are interchangeable and take the goals that cost least.
+
+    Raises:
+        InputError: for a name that no planner has, or an option that it has no use for.
     """
     check_choice("assignment", assignment, ("given", "optimal"))
     if effort is not None:

@@ -36,10 +36,8 @@ def trade(
     """Plan a scenario for several durations (s) and write the plans, a table and a figure.
 
     Only safe plans are written as files. Those of an earlier trade-off in the folder are removed.
-
-    Returns:
-        A plan's summary for each duration, with ``duration`` (s), ``nodes``, ``time_step``,
-        ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan`` or None.
+    A row is a plan's summary with ``duration`` (s), ``nodes``, ``time_step``,
+    ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan`` or None.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")

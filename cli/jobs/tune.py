@@ -27,8 +27,7 @@ from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags
-from registry.running import recorded_run
-from registry.store import TUNING, Store, explained, opened
+from registry.store import TUNING, Store, explained, opened, recorded_run
 from registry.training import DatasetInfo, record_of
 
 if TYPE_CHECKING:

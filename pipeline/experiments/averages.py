@@ -23,17 +23,11 @@ How = str | Callable[["pd.Series[Any]"], object]
 
 @dataclass(frozen=True)
 class Average(Column):
-    """A column of a summary, ``source``: the trials of each training first, then the trainings.
+    """A column of a summary, ``source``: the trials of each training first, then the trainings."""
 
-    Attributes:
-        of: column of the trials.
-        how: how the trials of one training become one number.
-        over: how the trainings that differ in their seed alone do.
-    """
-
-    of: str = ""
-    how: How = "mean"
-    over: How = "mean"
+    of: str = ""  # column of the trials
+    how: How = "mean"  # how the trials of one training become one number
+    over: How = "mean"  # how the trainings that differ in their seed alone do
 
 
 def average(

@@ -21,18 +21,12 @@ from pipeline.plan import SOLVED
 
 GROUP = ["optimizer", "n", "rule", "seed"]  # what a row of the summary stands for
 
-
-def percent(gap: float) -> str:
-    """A gap in percent."""
-    return number(100 * gap)
-
-
 SOLVES = average("Convex solves, av.", "solves_mean", number, "convex_solves")
 ONE_SOLVE = average("Done in one", "one_solve_share", share, "one")
 MEDIAN = average("Time, median (s)", "seconds_median", number, "seconds", "median")
 MEAN = average("Time, av. (s)", "seconds_mean", number, "seconds")
 DEVIATION = average("Time, s.d. (s)", "seconds_deviation", number, "seconds", "std")
-GAP = average("Gap, av. (%)", "gap_mean", percent, "gap", spread=True)
+GAP = average("Gap, av. (%)", "gap_mean", lambda v: number(100 * v), "gap", spread=True)
 FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel")
 CLEAR = average("Clear at the nodes", "solved_share", share, "solved", wilson=True)
 SAFE = average("Safe at all times", "safe_share", share, "safe", wilson=True)

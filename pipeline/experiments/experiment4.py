@@ -19,12 +19,8 @@ from pipeline.figures.tables import Picture, Section, Table
 
 def summarize_times(times: pd.DataFrame) -> pd.DataFrame:
     """The averages of ``summarize`` by varied, minutes (transfer time), nodes and time_step."""
-    return averages.summarize(with_minutes(times), ["varied", "minutes", *VARIED])
-
-
-def with_minutes(times: pd.DataFrame) -> pd.DataFrame:
-    """Add a column of transfer times in minutes, rounded to 1e-6."""
-    return times.assign(minutes=_minutes(times).round(6))
+    rounded = times.assign(minutes=_minutes(times).round(6))
+    return averages.summarize(rounded, ["varied", "minutes", *VARIED])
 
 
 def _minutes(times: pd.DataFrame) -> "pd.Series[float]":

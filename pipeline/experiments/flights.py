@@ -1,7 +1,7 @@
 """Runs of experiment 5: plans flown in other worlds, with errors, in open and closed loop."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice, product
 
@@ -90,17 +90,6 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearW
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class FlightCase:
-    """A plan of some planner, the model that it was made for, and how it is flown."""
-
-    plan: Plan
-    planned: str
-    world: str
-    errors: str
-    loop: Loop
-
-
 def _flown(
     planners: Sequence[EvaluatedPlanner],
     flights: int,
@@ -118,18 +107,18 @@ def _flown(
     worlds: dict[str, World] = {records.LINEAR: LinearWorld(problem.dynamics), **nonlinear}
     tables = []
     for one in planners:
-        for case in _cases(one.planner, scenario, in_loops, nonlinear):
-            plan, loop = case.plan, case.loop
-            count = 1 if case.errors == records.NO_ERRORS else flights
+        cases = _cases(one.planner, scenario, in_loops, nonlinear)
+        for plan, planned, world, errors, loop in cases:
+            count = 1 if errors == records.NO_ERRORS else flights
             draws = range(first, first + count)
-            flown = loop.fly(scenario, worlds[case.world], MAGNITUDES[case.errors], draws, seed)
+            flown = loop.fly(scenario, worlds[world], MAGNITUDES[errors], draws, seed)
             unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
             if plan.certificate.risk:
                 unsafe = float(plan.status != SOLVED)
             rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
-                planned=case.planned,
-                world=case.world,
-                errors=case.errors,
+                planned=planned,
+                world=world,
+                errors=errors,
                 loop=loop.name,
                 flight=range(count),
                 within_radius=flown["min_separation"] <= problem.collision_radius,
@@ -150,26 +139,26 @@ def _cases(
     scenario: Scenario,
     in_loops: Sequence[str],
     worlds: Mapping[str, NonlinearWorld],
-) -> Iterator[FlightCase]:
-    """Flight cases of one planner's plans of a scenario: worlds, errors and loops."""
+) -> Iterator[tuple[Plan, str, str, str, Loop]]:
+    """Plans of one planner for a scenario, each with its model, world, errors and loop."""
     baseline, exact = planner.name in BASELINES, records.NO_ERRORS
     (plan,) = planner.plan([scenario])
     every = flight_loops(plan, COLD_GAS, planner)
     loops = list(islice(every, 2) if baseline else every)
     for world, errors, loop in product(in_loops, MAGNITUDES, loops):
         if errors != exact or loop.name != records.MARGIN:
-            yield FlightCase(plan, records.LINEAR, world, errors, loop)
+            yield plan, records.LINEAR, world, errors, loop
     for world in in_loops:
         kept, planned = plan, records.LINEAR
         if not baseline:
             kept, planned = _with_risk(planner, scenario, worlds.get(world))
         loop = Loop(FEEDBACK, kept.controls, kept.states)
-        yield FlightCase(kept, planned, world, records.WITH_ERRORS, loop)
+        yield kept, planned, world, records.WITH_ERRORS, loop
     for orbit, there in {} if baseline else worlds.items():
         if orbit not in in_loops:
-            yield FlightCase(plan, records.LINEAR, orbit, exact, Loop(OPEN, plan.controls))
+            yield plan, records.LINEAR, orbit, exact, Loop(OPEN, plan.controls)
         (flown,) = AsFlown(planner, there.orbit).plan([scenario])
-        yield FlightCase(flown, records.AS_FLOWN, orbit, exact, Loop(OPEN, flown.controls))
+        yield flown, records.AS_FLOWN, orbit, exact, Loop(OPEN, flown.controls)
 
 
 def _with_risk(

@@ -13,7 +13,7 @@ from pipeline.parallel.workers import Workers, check_worker
 from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.storage.folder import Folder
-from pipeline.storage.ledger import Ledger, ShardList, open_ledger
+from pipeline.storage.ledger import Ledger, NewShard, ShardList, open_ledger
 from pipeline.storage.tables import table_bytes, table_from
 
 SCHEMA = "prolearn.parts/1"
@@ -52,7 +52,7 @@ class FinishedParts:
 
     def write(self, name: str, table: pd.DataFrame) -> None:
         """Keep the table of a finished part."""
-        self.ledger.publish(name, table_bytes(table))
+        self.ledger.publish(NewShard(name, table_bytes(table)))
         self.ledger.commit()  # now, since the next part may take an hour
 
 

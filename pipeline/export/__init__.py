@@ -10,8 +10,6 @@ from pipeline.export.messages import write_ephemerides, write_parameters
 from pipeline.export.tables import write_csv, write_parquet
 from pipeline.plan import Plan
 
-__all__ = ["FORMATS", "Format", "write_plan_as"]
-
 
 @dataclass(frozen=True)
 class Format:
@@ -45,10 +43,8 @@ def write_plan_as(
 
     Messages name their objects by ``name``. Masses of craft at the first node, in kg, and specific
     impulses of their thrusters, in s, are one number for all craft or one for each; by default the
-    scenario's masses.
-
-    Raises:
-        InputError: for masses that the format has no place for, or a plan that cannot be written.
+    scenario's masses. InputError for masses that the format has no place for, or a plan that cannot
+    be written.
     """
     check_choice("to", to, FORMATS)
     for known, value in (("mass", mass), ("specific_impulse", specific_impulse)):

@@ -22,11 +22,8 @@ def write_basilisk(plan: Plan, path: Path, masses: Masses | None = None) -> None
 
     Craft and a chief, the reference orbit, start at the first node about the Earth of the plan's
     world; burns are held along the chief's LVLH axes. Of a plan about a circle, the world is that
-    of ephemerides: two bodies.
-
-    Raises:
-        InputError: where the scenario does not say where its orbit is, or for states that are not
-            what the controls lead to.
+    of ephemerides: two bodies. InputError where the scenario does not say where its orbit is, or
+    for states that are not what the controls lead to.
     """
     scenario, burns = plan.scenario, burns_of(plan, masses)
     problem, orbit, n = scenario.problem, scenario.problem.orbit, scenario.n

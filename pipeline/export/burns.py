@@ -33,8 +33,7 @@ class Masses:
     ) -> "Masses | None":
         """Those of n craft by one number (kg, s) for all or one for each, or None without a mass.
 
-        Raises:
-            InputError: for other counts, numbers that are not positive, or no mass.
+        InputError for other counts, numbers that are not positive, or no mass.
         """
         if mass is None and specific_impulse is not None:
             raise InputError("specific_impulse is given without mass; expected both.")

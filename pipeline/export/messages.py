@@ -1,8 +1,7 @@
 """Orbit ephemeris and parameter messages (OEM 2.0, OPM 3.0; CCSDS 502.0-B): a file a craft."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from textwrap import wrap
@@ -95,33 +94,28 @@ def write_ephemerides(plan: Plan, folder: Path, name: str) -> list[Path]:
 
     No interpolation may reach across a node, where thrust jumps. Objects are named by ``name``.
     """
-    arcs = thrust_arcs(plan)
+    start = reference_of(plan.scenario).epoch
+    microseconds, states = thrust_arcs(plan)
 
     def message(craft: int) -> Iterator[str]:
         yield from header("CCSDS_OEM_VERS = 2.0", plan, craft)
-        for arc in range(plan.scenario.problem.intervals):
-            yield from _segment(plan, arcs, craft, arc, name)
+        for arc, times in enumerate(microseconds.tolist()):
+            epochs = [stamp(start, 1e-6 * each) for each in times]
+            yield from _segment(plan, craft, arc, epochs, states[craft, arc], name)
 
     return write_messages(folder, ".oem", plan.scenario.n, message)
 
 
-@dataclass(frozen=True, eq=False)
-class SampledArcs:
-    """Inertial states of every craft over intervals of constant thrust."""
-
-    epoch: datetime  # of the first node, UTC
-    microseconds: Int[Array, "intervals q"]  # since the epoch; an arc ends when the next begins
-    states: Float[Array, "n intervals q 6"]  # in EME2000 at those times, m and m/s
-
-
-def thrust_arcs(plan: Plan) -> SampledArcs:
+def thrust_arcs(
+    plan: Plan,
+) -> tuple[Int[Array, "intervals q"], Float[Array, "n intervals q 6"]]:
     """The arcs of a plan under constant thrust, sampled densely enough to interpolate.
 
-    Times are whole microseconds, and states are those at these very times. InputError without a
-    reference orbit, for states that are not what the controls lead to, or for nodes too near each
-    other.
+    Times are whole microseconds since the first node; an arc ends when the next begins. States are
+    those at these very times, in EME2000, m and m/s. InputError for states that are not what the
+    controls lead to, or for nodes too near each other.
     """
-    problem, reference = plan.scenario.problem, reference_of(plan.scenario)
+    problem = plan.scenario.problem
     check_states(plan)
     steps = max(FEWEST - 1, int(np.ceil(problem.mean_motion * problem.time_step / SPACING)))
     start = problem.time_step * np.arange(problem.intervals)[:, None]
@@ -133,8 +127,7 @@ def thrust_arcs(plan: Plan) -> SampledArcs:
         )
     time = microseconds * 1e-6
     origin, frame = reference_frames(plan.scenario, time)
-    states = origin + frame.to_inertial(_relative(plan, time - start))
-    return SampledArcs(reference.epoch, microseconds.astype(int), states)
+    return microseconds.astype(int), origin + frame.to_inertial(_relative(plan, time - start))
 
 
 def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
@@ -146,13 +139,14 @@ def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
     return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
 
 
-def _segment(plan: Plan, arcs: SampledArcs, craft: int, arc: int, name: str) -> Iterator[str]:
+def _segment(
+    plan: Plan, craft: int, arc: int, epochs: Sequence[str], states: Float[Array, "q 6"], name: str
+) -> Iterator[str]:
     thrust = " ".join(f"{u:.12e}" for u in plan.controls[craft, arc].tolist())
-    epochs = [stamp(arcs.epoch, 1e-6 * each) for each in arcs.microseconds[arc].tolist()]
     yield from (
         "",
         "META_START",
-        f"COMMENT Arc {arc + 1} of {len(arcs.microseconds)}. Constant thrust, m/s**2,",
+        f"COMMENT Arc {arc + 1} of {plan.scenario.problem.intervals}. Constant thrust, m/s**2,",
         f"COMMENT radial, along-track and cross-track: {thrust}",
         *described(plan, craft, name),
         f"START_TIME = {epochs[0]}",
@@ -161,7 +155,7 @@ def _segment(plan: Plan, arcs: SampledArcs, craft: int, arc: int, name: str) -> 
         f"INTERPOLATION_DEGREE = {DEGREE}",
         "META_STOP",
     )
-    for epoch, state in zip(epochs, (arcs.states[craft, arc] / 1e3).tolist(), strict=True):
+    for epoch, state in zip(epochs, (states / 1e3).tolist(), strict=True):
         position, velocity = state[:3], state[3:]
         numbers = [*(f"{p:.12f}" for p in position), *(f"{v:.15f}" for v in velocity)]
         yield f"{epoch} {' '.join(numbers)}"
@@ -171,10 +165,8 @@ def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None)
     """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
 
     A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.
-
-    Raises:
-        InputError: without a reference orbit, masses or a specific impulse, or for states that are
-            not what the controls lead to.
+    InputError without a reference orbit, masses or a specific impulse, or for states that are not
+    what the controls lead to.
     """
     epoch = reference_of(plan.scenario).epoch
     if masses is None or masses.specific_impulse is None:

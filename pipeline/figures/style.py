@@ -39,8 +39,6 @@ RC: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 9,
-    "figure.autolayout": False,
-    "figure.constrained_layout.use": False,
     "figure.titlesize": 10,
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -51,7 +49,6 @@ RC: dict[Any, Any] = {
     "lines.linewidth": 1.3,
     "lines.markersize": 4.5,
     "savefig.dpi": 200,
-    "svg.fonttype": "path",
     "svg.hashsalt": "prolearn",  # makes the ids in SVG files repeatable
     "text.parse_math": False,
     "xtick.labelsize": 8,

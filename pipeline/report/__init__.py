@@ -28,8 +28,6 @@ from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
 from pipeline.report.html import html_page
 
-__all__ = ["ReportFiles", "Results", "build_report", "no_rows"]
-
 TITLE = "Learned swarm transfers between passive relative orbits"
 
 QUESTIONS = [
@@ -58,13 +56,7 @@ def no_rows(table: str) -> pd.DataFrame:
 class Results:
     """Tables as the experiments leave them, by their columns in TABLES; most may be empty.
 
-    Attributes:
-        provenance: a row for each run that a table comes from: part, run, made, data, digest,
-            code, versions, machine.
-        notes: on parts that are left out or were made otherwise; text, or ``Markdown``.
-
-    Raises:
-        InputError: ``trials`` is empty, or a table lacks a column of ``TABLES``.
+    InputError where ``trials`` is empty, or a table lacks a column of ``TABLES``.
     """
 
     trials: pd.DataFrame
@@ -72,8 +64,10 @@ class Results:
     training: pd.DataFrame = field(default_factory=partial(no_rows, "training"))
     curves: pd.DataFrame = field(default_factory=partial(no_rows, "curves"))
     examples: Sequence[Example] = ()
+    # A row for each run that a table comes from: part, run, made, data, digest, code, versions,
+    # machine
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
-    notes: Sequence[str] = ()
+    notes: Sequence[str] = ()  # on parts that are left out or were made otherwise; text or Markdown
     transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
     flights: pd.DataFrame = field(default_factory=partial(no_rows, "flights"))
 

@@ -200,21 +200,13 @@ def scenario_from_inertial(
     """The scenario of inertial states at the first node and at the last.
 
     The reference orbit has the osculating elements of the chief at the first node, or those of the
-    mean of the craft's states there, and is flown to the last node under the forces.
+    mean of the craft's states there, and is flown to the last node under the forces. It replaces
+    the orbit of the problem.
 
-    Args:
-        initial: states, of ephemerides at the epoch of the first node.
-        goal: of the same craft in the same order; of ephemerides at the time of the last node.
-        problem: time grid and limits; its orbit is replaced.
-        chief: the one craft that the reference orbit is that of, or None.
-        epoch: of the first node, UTC; by default the first at which all ephemerides of initial
-            states and chief have a state, where there are some.
-        j2: whether the Earth is oblate.
-        ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
-        spread: by what share of it the first craft has less, and the last more.
-
-    Raises:
-        InputError: where states are missing, in several frames, or not near the reference orbit.
+    The epoch of the first node, UTC, is by default the first at which all ephemerides of initial
+    states and chief have a state. ``ballistic`` is the mean C_D A/m of the swarm, m²/kg; by the
+    share ``spread`` of it the first craft has less, and the last more. InputError where states are
+    missing, in several frames, or not near the reference orbit.
     """
     given = [one for one in (initial, chief, goal) if one is not None]
     check_frames(given)

@@ -7,7 +7,7 @@ from math import ceil, floor, log10
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_kind
 from pipeline.orbit.approaches import SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import AnyState, Formation
 from pipeline.orbit.decoupled import least_limits
@@ -62,6 +62,7 @@ class Diagnostic:
 
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     """The outcome of every rule: all that is wrong with a scenario, and what is fine."""
+    check_kind("scenario", scenario, Scenario)
     rules = (partial(_apart, scenario), _matched, partial(_passive, scenario))
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
     if scenario.ends == "any":
@@ -111,6 +112,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     InputError where a pair is within the collision radius at either end or, unless ``allow_drift``
     or the scenario's ends are any, a state is not energy-matched (Eq. 3).
     """
+    check_kind("scenario", scenario, Scenario)
     allow_drift = allow_drift or scenario.ends == "any"
     for end, states, problem in _ends(scenario):
         close = _apart(scenario, end, states, problem)

@@ -14,8 +14,6 @@ from pipeline.plan import Plan, Rechecked, recheck
 from pipeline.show.data import page_data, steps_of
 from pipeline.show.tables import certificate_rows, motion, planner_rows, scenario_rows, verdict
 
-__all__ = ["page", "write_page"]
-
 HERE = Path(__file__).parent
 
 

@@ -119,11 +119,7 @@ def orbits(states: Formation, problem: Problem) -> Float[Array, "n P 3"]:
 
 
 def closest_pairs(
-    states: States,
-    controls: Controls,
-    problem: Problem,
-    most: int = MOST,
-    radii: Values | None = None,
+    states: States, controls: Controls, problem: Problem, radii: Values | None = None
 ) -> list[Pair]:
     """The pairs of least separation at any time, the closest first; all where there are few.
 
@@ -138,12 +134,12 @@ def closest_pairs(
         at_nodes -= radii[np.stack(swarms.pairs)].sum(axis=0) - problem.collision_radius
     # As many pairs come within the last of the closest at nodes, and so the closest ones do; a
     # little more, so that none of those is lost to rounding.
-    last = min(most, len(at_nodes)) - 1
+    last = min(MOST, len(at_nodes)) - 1
     within = float(np.partition(at_nodes, last)[last]) + TOLERANCE
     found = close_approaches(states, controls, problem, within, swarms=swarms)
     order = np.argsort(found.distance, kind="stable")
     _, first = np.unique((found.first * n + found.second)[order], return_index=True)
-    closest = order[np.sort(first)][:most]
+    closest = order[np.sort(first)][:MOST]
     wanted = np.full(len(found.first), problem.collision_radius)
     if radii is not None:
         wanted = radii[found.first] + radii[found.second]

@@ -125,28 +125,23 @@ class Ledger(Generic[Kind]):
             self._stamps[name] = [*stamp, known]
         return sound
 
-    def publish(
-        self,
-        name: str,
-        content: "bytes | Written",
-        timings: bytes | None = None,
-        derived: str = "",
-    ) -> None:
-        """Write a shard, unless a worker has, and its timings; drop ``derived`` where it changed.
+    def publish(self, made: "NewShard") -> None:
+        """Write a shard, unless a worker has, and its timings; drop its derived one if it changed.
 
         Timings differ each time that a shard is made, so no worker writes them: one that was taken
         for lost would replace those that the ledger knows. Shards are the same whoever writes them.
         """
-        if timings is not None:
-            self.folder.publish(storage.TIMINGS + name, timings)
-            self.timed[name] = digest_of(timings)
+        name, content = made.name, made.content
+        if made.timings is not None:
+            self.folder.publish(storage.TIMINGS + name, made.timings)
+            self.timed[name] = digest_of(made.timings)
         if isinstance(content, bytes):
             outgrown = self._outgrown.pop(name, "")
             content = write(self.folder, name, content, self._progress, outgrown)
         for sentence in content.said:
             self._progress.say(sentence)
         if self.shards.get(name, content.digest) != content.digest:
-            self.drop([derived])
+            self.drop([made.derived])
         self.shards[name] = content.digest
         if content.stamp is not None:
             self._stamps[name] = [*content.stamp, content.digest]
@@ -227,13 +222,13 @@ def _holds(folder: Folder, name: str, digest: str) -> bool:
 
 @dataclass(frozen=True)
 class NewShard:
-    """A shard that a worker has made: arguments of ``Ledger.publish``, and rows without result."""
+    """A shard that a worker has made."""
 
     name: str
     content: bytes | Written
     timings: bytes | None = None
-    derived: str = ""
-    failed: int | None = None
+    derived: str = ""  # name of a shard that is made of this one
+    failed: int | None = None  # rows without result
 
 
 @runtime_checkable
@@ -275,7 +270,7 @@ def write_shards(
         else:
             results = workers.work(make, tasks, load, progress)
         for task, made in stack.enter_context(closing(results)):
-            ledger.publish(made.name, made.content, made.timings, made.derived)
+            ledger.publish(made)
             progress.done(len(task.rows), failed=made.failed)
 
 

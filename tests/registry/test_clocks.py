@@ -10,8 +10,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.results import earlier_run, evaluation, latest, record
-from registry.running import recorded_run
-from registry.store import EVALUATION, connect
+from registry.store import EVALUATION, connect, recorded_run
 from registry.training import DatasetInfo, add_model_results, model_metric_by_size, record_training
 
 TABLE = pd.DataFrame({"n": [1]})

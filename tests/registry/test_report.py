@@ -19,8 +19,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
 from registry.models import list_versions
-from registry.running import recorded_run
-from registry.store import connect, opened
+from registry.store import connect, opened, recorded_run
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3

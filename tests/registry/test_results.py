@@ -23,8 +23,7 @@ from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY
 from registry.models import ModelVersion, resolve
 from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
-from registry.running import recorded_run
-from registry.store import EVALUATION, WARMSTART, connect
+from registry.store import EVALUATION, WARMSTART, connect, recorded_run
 from registry.training import DatasetInfo, add_model_results, record_training
 
 TRIALS = pd.DataFrame(

@@ -13,15 +13,14 @@ from rights import read_only
 from cli.jobs.tune import tune
 from cli.settings import TuningSettings
 from pipeline.errors import ProlearnError
-from registry.running import recorded_run
-from registry.store import EVALUATION, connect
+from registry.store import EVALUATION, connect, recorded_run
 
 pytestmark = pytest.mark.system
 
 DIES = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 
 RECORDS = f"""
-from registry.running import recorded_run
+from registry.store import recorded_run
 from registry.store import EVALUATION, connect
 
 with recorded_run(connect(), EVALUATION, "outer", {{}}):
@@ -109,7 +108,7 @@ def test_a_run_that_two_processes_write_is_open_until_the_last_of_them_ends(
     with recorded_run(store, EVALUATION, "search", {}) as run_id:
         pass
     shares = f"""
-from registry.running import recorded_run
+from registry.store import recorded_run
 from registry.store import EVALUATION, connect
 
 with recorded_run(connect(), EVALUATION, "search", {{}}, again={run_id!r}):

@@ -19,8 +19,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import load, resolve
 from registry.results import latest, record, table_of
-from registry.running import recorded_run
-from registry.store import EVALUATION, connect, opened
+from registry.store import EVALUATION, connect, opened, recorded_run
 from registry.training import DatasetInfo, record_training
 
 pytestmark = pytest.mark.system
@@ -99,7 +98,7 @@ def test_a_server_whose_address_has_a_password_is_used_with_it_and_named_without
 
 DIES = """
 import os, signal
-from registry.running import recorded_run
+from registry.store import recorded_run
 from registry.store import EVALUATION, connect
 
 with recorded_run(connect(), EVALUATION, "killed", {}):

@@ -15,8 +15,7 @@ from processes import SOON
 
 from pipeline.errors import InputError, ProlearnError
 from registry.models import list_versions
-from registry.running import recorded_run
-from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened
+from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened, recorded_run
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:

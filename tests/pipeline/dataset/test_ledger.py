@@ -7,7 +7,7 @@ from typing import ClassVar
 from pipeline.progress import SILENT
 from pipeline.storage import ledger
 from pipeline.storage.folder import open_folder
-from pipeline.storage.ledger import Ledger, read_checked
+from pipeline.storage.ledger import Ledger, NewShard, read_checked
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ def test_between_commits_no_manifest_is_made_and_a_commit_makes_one(tmp_path, mo
     folder = open_folder(tmp_path / "many")
     book = Ledger(folder, Listing({}), SILENT)
     names = [f"n=2/part-{k:05d}.parquet" for k in range(200)]
-    book.publish(names[0], b"0")
+    book.publish(NewShard(names[0], b"0"))
     Listing.made.clear()
     for name in names[1:]:
-        book.publish(name, name.encode())
+        book.publish(NewShard(name, name.encode()))
     for name in names:
         assert book.is_sound(name)
     book.drop(names[:50])
