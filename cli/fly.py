@@ -223,7 +223,8 @@ def _is_near(row: Mapping[str, Any], radius: float) -> bool:
         return True
     if clear := row.get("clearance"):
         return bool(clear["min_clearance_bound"] <= 0)
-    return (row["min_separation_bound"] or radius + 1) <= radius
+    bound = row["min_separation_bound"]  # None of a craft alone
+    return bound is not None and bound <= radius
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:

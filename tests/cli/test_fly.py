@@ -75,6 +75,18 @@ def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_
     assert f"Not safe: craft {i} and {j} come within " in done.stdout.replace("\n", " ")
 
 
+def test_two_craft_in_one_place_come_too_close(prolearn, tmp_path):
+    """The bound on their separation is 0, which is not none."""
+    alone = draw("rings", 0, 1, 0, Problem())
+    both = replace(alone, initial=[*alone.initial] * 2, goal=[*alone.goal] * 2)
+    own = decoupled_optima(both.initial, both.goal, both.problem)
+    plan = planned("decoupled optimum", both, Made(own.controls, float(own.lower_bound.sum())))
+    write_plan(tmp_path / "plan.json", plan)
+    done = prolearn("fly", "plan.json")
+    assert done.returncode == 1
+    assert "Not safe: craft 0 and 1 come within 0.00 m" in done.stdout.replace("\n", " ")
+
+
 def test_a_craft_alone_is_safe(prolearn, tmp_path):
     scenario = draw("rings", 0, 1, 0, Problem())
     write_plan(tmp_path / "plan.json", solve(scenario))
