@@ -56,6 +56,7 @@ EITHER = "expected --from and --to for rings of your own, or neither for a draw 
 REFERENCE = ("epoch", *ANGLES)  # its fields
 SHAPE = ("eccentricity", "argument_of_perigee_deg")
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
+DRAG = ("ballistic", "spread")  # which only orbits of inertial states are given
 NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
 """What inertial states have no use for."""
 
@@ -119,13 +120,14 @@ def new(
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     asked, content = problem.problem(), asdict(problem)
-    if files != InertialFiles():
+    if files.initial or files.goal or files.chief:
         why = "with inertial states, which have craft and an orbit of their own; leave it out."
         refuse(context, NOT_INERTIAL, why)
         made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         content = {**document_of(made), **thrust.fields(made.n)}
         _told(scenario, write_by_hand(scenario, content))
         return
+    refuse(context, DRAG, "without --initial; leave it out, or add --initial and --goal.")
     if place.eccentricity is None:
         why = "without --eccentricity or --initial; expected one of them, such as 0.001."
         refuse(context, OF_ORBITS, why)

@@ -301,8 +301,8 @@ class InertialFiles:
 
         if self.initial is None or self.goal is None:
             raise InputError(
-                "--initial or --goal is missing; expected both where one of these, --chief or "
-                "--drag is given."
+                "--initial or --goal is missing; expected both where one of these or --chief is "
+                "given."
             )
         _check_drag(self)
         try:
