@@ -57,7 +57,7 @@ def trade(
         if str(old) not in kept:
             old.unlink()
     _write_table(rows, out / "tradeoff.csv")
-    title = f"{scenario.name}: n = {scenario.n}, arcs of {step:g} s, {settings.goal} goals"
+    title = f"{scenario.headline}, arcs of {step:g} s, {settings.goal} goals"
     save(tradeoff_figure(points, bend, title), out / "tradeoff")
     return rows
 
