@@ -76,7 +76,7 @@ def new(
         list[str] | None,
         option(
             "Instead: craft that start on a ring, by its fields, such as "
-            "craft=4,size=200,tilt_deg=20. Again for more rings.",
+            "craft=4,size=200,tilt_deg=20. Repeat the option for more rings.",
             "--from",
             metavar="RING",
         ),
@@ -186,7 +186,7 @@ def check(
     scenario: Annotated[Path, typer.Argument(help="Scenario file; - is standard input.")],
     as_json: AsJson = False,
 ) -> None:
-    """Say all that is wrong with a scenario, by how much, and what is fine.
+    """Validate a scenario: report every violated rule, with its size, and what is fine.
 
     At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
     of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at

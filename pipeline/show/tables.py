@@ -78,7 +78,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         ("It holds for", _motion(plan)),
         (_fuel(plan.scenario), f"{found.fuel:.6g} m/s²"),
         ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
-        ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
+        ("Lower bound on fuel (from the file)", f"{found.fuel_lower_bound:.6g} m/s²"),
         ("Gap to that bound", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_thrust_rows(found),
@@ -96,7 +96,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
 
 def _motion(plan: Plan) -> str:
     if plan.as_flown:
-        return "the flight about the reference orbit, in all terms"
+        return "nonlinear motion about the reference orbit"
     circle = plan.scenario.problem.orbit is None
     return "linear motion about a circle" if circle else "linear motion about the reference orbit"
 
