@@ -61,8 +61,14 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     headline = "Unsafe" if not shown.safe else "Safe at the nodes" if at_nodes else "Safe"
     if shown.safe and shown.faults:
         headline = "Not as claimed" if claimed_status == SOLVED else claimed_status.capitalize()
-    elif found.min_separation_pair is None and clear is None:
+    elif shown.safe and found.min_separation_pair is None and clear is None:
         headline, reasons = "Reaches its goal", ["There is no other craft to stay clear of."]
+    if shown.safe and (inside := found.corridor) is not None:
+        reasons.append(
+            f"Craft {inside.craft} comes closest to a side of its corridor: at {inside.time:.1f} s "
+            f"it is {inside.min_margin:.4f} m inside of it. Proven: never by less than "
+            f"{_down(inside.min_margin_bound)} m."
+        )
     return Verdict(shown.safe and not shown.faults, headline, tuple(reasons))
 
 
@@ -222,7 +228,7 @@ def _passive_safety_rows(found: Certificate) -> Rows:
     clear = _clearance_rows("Least clearance after a loss of thrust", drifting.clearance)
     if drifting.pair is None or drifting.min_separation_bound is None:
         return clear
-    (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbits"
+    (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbit{'s' * (drifting.orbits != 1)}"
     bound = _down(drifting.min_separation_bound)
     return [
         (f"Least separation after a loss of thrust, {orbits}", f"{drifting.min_separation:.4f} m"),
