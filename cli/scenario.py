@@ -216,10 +216,10 @@ def check(
 
 def _show(found: "list[Diagnostic]") -> None:
     """A row for each finding, and below what is wrong its worst faults and the cure."""
-    console = Console()
+    console, rules = Console(), max(len(finding.rule) for finding in found)
     for finding in found:
         row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
-        for width in (8, 14, 5):
+        for width in (8, rules, 5):
             row.add_column(no_wrap=True, min_width=width)
         verdict = ("fine", "green") if finding.fine else ("wrong", "bold red")
         end, rule, text = map(plain_text, (finding.end, finding.rule, finding.text))
