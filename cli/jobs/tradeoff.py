@@ -20,6 +20,7 @@ PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
 
 NOT_IN_CSV = (
     *("min_separation_pair", "assignment", "risk", "largest_share", "smallest_burn"),
+    *("passive_safety", "clearance", "corridor"),
     *("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters", "craft_share"),
 )
 """Fields of a row that are neither number nor word; the plan files have them."""
