@@ -113,7 +113,7 @@ flights: $(BIN)/prolearn ## experiment 5
 report: $(BIN)/prolearn ## tables and figures from the newest results
 	$(BIN)/prolearn report --out reports
 
-paper: dataset train-all evaluate warmstart transfer-times flights report ## the whole paper: what is done stays done; SEEDS=3 trains each network thrice
+paper: dataset train-all evaluate warmstart transfer-times flights report ## the whole paper: finished stages are skipped; SEEDS=3 trains each network thrice
 
 ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'

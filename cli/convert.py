@@ -36,7 +36,8 @@ def convert(
     for each craft, its state at the first node, mass and manoeuvres. CSV and Parquet: a row for
     each craft and node, in LVLH. Burns: a CSV with a row for each craft and interval with thrust.
     Basilisk: a Python script that flies the burns in this simulator (PyPI: bsk), with J2 where
-    the plan's orbit has it. A plan that is not safe is written too, and the exit status is 1.
+    the plan's orbit has it; the scenario must have an orbit or say where its reference orbit is.
+    A plan that is not safe is written too, and the exit status is 1.
 
     Examples:
 

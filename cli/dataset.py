@@ -178,7 +178,7 @@ def card(
         write_card(folder, licence=licence, replace=replace, workers=reading, progress=shown)
         rows = shown.count
     where = public_url(folder)
-    echo(f"{CARD} is in {where}; it tells of {rows} scenarios.")
+    echo(f"{CARD} is in {where}; it describes {rows} scenarios.")
 
 
 @with_settings

@@ -79,7 +79,7 @@ def transfer_times(context: typer.Context, settings: TransferTimes, how: RunSett
 
 @with_settings
 def flights(context: typer.Context, settings: Flights, how: RunSettings) -> None:
-    """Experiment 5: what flies.
+    """Experiment 5: plans flown with nonlinear dynamics and with errors.
 
     Plans of expert, networks and baselines are flown in the linear model and about an oblate
     Earth, without and with errors of thrust and navigation: as they are, for a risk with feedback,

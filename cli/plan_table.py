@@ -18,7 +18,7 @@ HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apa
 """Of the columns that say what a plan is worth."""
 
 
-SIGNED = "apart with a sign: by how much more than sizes of craft and obstacles ask for."
+SIGNED = "apart with a sign: clearance beyond the required separation."
 
 
 def plan_cells(row: Row) -> list[str]:

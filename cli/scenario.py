@@ -55,6 +55,7 @@ EITHER = "expected --from and --to for rings of your own, or neither for a draw 
 REFERENCE = ("epoch", *ANGLES)  # its fields
 SHAPE = ("eccentricity", "argument_of_perigee_deg")
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
+DRAG = ("ballistic", "spread")  # which only orbits of inertial states are given
 NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
 """What inertial states have no use for."""
 
@@ -74,7 +75,7 @@ def new(
         list[str] | None,
         option(
             "Instead: craft that start on a ring, by its fields, such as "
-            "craft=4,size=200,tilt_deg=20. Again for more rings.",
+            "craft=4,size=200,tilt_deg=20. Repeat the option for more rings.",
             "--from",
             metavar="RING",
         ),
@@ -118,13 +119,14 @@ def new(
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     asked, content = problem.problem(), asdict(problem)
-    if files != InertialFiles():
+    if files.initial or files.goal or files.chief:
         why = "with inertial states, which have craft and an orbit of their own; leave it out."
         refuse(context, NOT_INERTIAL, why)
         made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         content = {**document_of(made), **thrust.fields(made.n)}
         _told(scenario, write_by_hand(scenario, content))
         return
+    refuse(context, DRAG, "without --initial; leave it out, or add --initial and --goal.")
     if place.eccentricity is None:
         why = "without --eccentricity or --initial; expected one of them, such as 0.001."
         refuse(context, OF_ORBITS, why)
@@ -183,7 +185,7 @@ def check(
     scenario: Annotated[Path, typer.Argument(help="Scenario file; - is standard input.")],
     as_json: AsJson = False,
 ) -> None:
-    """Say all that is wrong with a scenario, by how much, and what is fine.
+    """Validate a scenario: report every violated rule, with its size, and what is fine.
 
     At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
     of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at
@@ -213,10 +215,10 @@ def check(
 
 def _show(found: "list[Diagnostic]") -> None:
     """A row for each finding, and below what is wrong its worst faults and the cure."""
-    console = Console()
+    console, rules = Console(), max(len(finding.rule) for finding in found)
     for finding in found:
         row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
-        for width in (8, 14, 5):
+        for width in (8, rules, 5):
             row.add_column(no_wrap=True, min_width=width)
         verdict = ("fine", "green") if finding.fine else ("wrong", "bold red")
         end, rule, text = map(plain_text, (finding.end, finding.rule, finding.text))

@@ -62,8 +62,8 @@ RefinerDevice = Annotated[
 Resume = Annotated[
     bool,
     option(
-        "Nothing to do where data, models, settings and versions are as before; a run that was "
-        "killed goes on.",
+        "Skip if the same run (data, models, settings, versions) is recorded already; continue one "
+        "that was killed.",
         "--resume",
     ),
 ]
@@ -77,7 +77,7 @@ class ExperimentSettings:
         "Such as ff1,lstm2:paper; by default the newest trained on the data."
     )
     data: str = setting("Solved dataset, folder or URL: its test split.", default="data/paper")
-    trials: int | None = setting("Most trials of each size.")
+    trials: int | None = setting("Maximum number of trials of each size.")
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class TransferTimes(ExperimentSettings):
     time_steps: str | None = setting(
         "Time steps Δt, s; by default those with the durations of --nodes.", "--time-step"
     )
-    trials: int | None = setting("Most trials of each transfer time.", default=100)
+    trials: int | None = setting("Maximum number of trials of each transfer time.", default=100)
     device: RefinerDevice = None
 
 
@@ -121,7 +121,7 @@ class Flights(ExperimentSettings):
         "For any time grid, such as refiner,lstm2; by default the newest refiners."
     )
     n: int = setting("Swarm size.", default=10)
-    trials: int | None = setting("Most scenarios.", default=100)
+    trials: int | None = setting("Maximum number of scenarios.", default=100)
     flights: int = setting("Flights of each scenario, each with other errors.", default=10)
     seed: int = setting("Root seed of the errors.", default=0)
 
@@ -135,7 +135,7 @@ class TrainingSettings:
     )
     data: Data = "data/paper"
     n: TrainingSize = 10
-    epochs: int | None = setting("Most epochs.")
+    epochs: int | None = setting("Maximum number of epochs.")
     interior: str | None = setting("Input between the end states: line, zeros or minimum-energy.")
     learning_rate: float | None = setting("Of Adam.")
     dropout: float | None = setting("Share of hidden outputs dropped in training.")
@@ -161,7 +161,7 @@ class TuningSettings:
     recipe: str = setting("Recipe that the trials start from.", default="tuned")
     data: Data = "data/paper"
     n: TrainingSize = 10
-    epochs: int | None = setting("Most epochs of a trial.")
+    epochs: int | None = setting("Maximum number of epochs of a trial.")
     device: Device = "auto"
     seed: int = setting("Of the search and of each training.", default=0)
     storage: Path | None = setting("Optuna's SQLite file; optuna.db beside mlflow.db by default.")
@@ -245,7 +245,8 @@ class ThrustSettings:
     max_acceleration_norm: float | None = _thrust("Limit on the norm of the control, m/s².")
     min_delta_v: float | None = _thrust("Smallest impulse bit: least Δv of a burn, m/s.")
     no_burn: list[str] | None = _thrust(
-        "No burns from and to, s, such as 300:500. Again for more.", metavar="FROM:TO"
+        "Interval without burns, start:end in s, such as 300:500. Repeat the option for more.",
+        metavar="START:END",
     )
     delta_v: float | None = _thrust("What each craft may burn in all, m/s.")
     objective: Literal["total", "fair"] = _thrust(
@@ -267,7 +268,7 @@ def _window(text: str) -> list[float]:
         begin, end = map(float, text.split(":"))
     except ValueError:
         raise InputError(
-            f"--no-burn is {text!r}; expected from and to in s, such as 300:500."
+            f"--no-burn is {text!r}; expected start:end in s, such as 300:500."
         ) from None
     return [begin, end]
 
@@ -279,14 +280,15 @@ class InertialFiles:
     initial: Path | None = _states(
         "Inertial states at the first node: folder of OEM files, OEM, CSV or JSON."
     )
-    goal: Path | None = _states("Likewise at the last node.")
+    goal: Path | None = _states("Inertial states at the last node, in any of these forms.")
     chief: Path | None = _states(
-        "Likewise of one craft at the first node, whose orbit is the reference; by default "
+        "Inertial state of the chief at the first node, whose orbit is the reference; by default "
         "the mean of --initial."
     )
-    ballistic: float | None = _states("Add drag: mean C_D A/m, m²/kg.", "--drag")
+    ballistic: float | None = _states("With --initial: drag, mean C_D A/m, m²/kg.", "--drag")
     spread: float | None = _states(
-        "By what share the first has less, the last more.", "--drag-spread"
+        "With --initial: relative spread of C_D A/m over the swarm: first craft less, last more.",
+        "--drag-spread",
     )
 
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
@@ -296,8 +298,8 @@ class InertialFiles:
 
         if self.initial is None or self.goal is None:
             raise InputError(
-                "--initial or --goal is missing; expected both where one of these, --chief or "
-                "--drag is given."
+                "--initial or --goal is missing; expected both where one of these or --chief is "
+                "given."
             )
         _check_drag(self)
         try:
@@ -377,24 +379,25 @@ class RiskSettings:
     """A chance constraint on separation, and the errors that it is about."""
 
     asked: float | None = setting(
-        "Most probability that a pair ever comes within r_col, with errors.", "--risk"
+        "Upper limit on the probability that any pair comes within r_col, with errors.", "--risk"
     )
     navigation_sigma: float | None = setting(
-        "With --risk: sigma of each component of known positions, m."
+        "With --risk: standard deviation of each component of known positions, m."
     )
     thrust_sigma: float | None = setting(
-        "With --risk: sigma of each burn's size, as a share of it, and of its direction about "
-        "each axis across it, rad."
+        "With --risk: standard deviation of each burn's size, as a share of it, and of its "
+        "direction about each axis across it, rad."
     )
     velocity_sigma: float | None = setting(
-        "Likewise of velocities, m/s; by default the mean motion times --navigation-sigma."
+        "Standard deviation of each velocity component, m/s; by default the mean motion times "
+        "--navigation-sigma."
     )
 
     errors: ErrorPreset | None = setting(
         "Instead of sigmas: errors as of `prolearn fly`, but for missed burns."
     )
     closed_loop: bool = setting(
-        "Corrected at each node, from states known with the same errors.",
+        "Risk with feedback: deviations are corrected at each node from estimated states.",
         "--closed-loop",
         default=False,
     )
@@ -460,7 +463,8 @@ class FlightConditions:
         "Add drag: mean C_D A/m, m²/kg; a CubeSat's is 0.01.", "--drag"
     )
     spread: float | None = _condition(
-        "By what share the first has less, the last more.  [default: 0.1]", "--drag-spread"
+        "Relative spread of C_D A/m over the swarm: first craft less, last more.  [default: 0.1]",
+        "--drag-spread",
     )
 
     def about(self, scenario: "Scenario") -> "Conditions":
@@ -478,7 +482,9 @@ class FlownTrials:
 
     trials: int | None = _trial("Fly so many times, with errors that differ.")
     seed: int = _trial("Root seed of the errors.", default=0)
-    errors: ErrorPreset = _trial("Size of the errors, to begin with.", default="cold-gas")
+    errors: ErrorPreset = _trial(
+        "Preset of errors; --error changes single ones.", default="cold-gas"
+    )
     error: list[str] | None = _trial(
         "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "
         "semi_major_axis, navigation_time, latency, magnitude, direction, magnitude_fixed, "
@@ -498,7 +504,7 @@ class FlownTrials:
     sigmas: float | None = _trial(
         "Standard deviations of separations kept beyond r_col then; 3 by default."
     )
-    size: float = _trial("Distance of two centres at which craft may touch, m.", default=0.35)
+    size: float = _trial("Centre distance below which two craft may touch, m.", default=0.35)
     device: Literal["auto", "cpu", "cuda"] | None = _trial(
         "Compute trials by torch on it, in the linear world; by numpy if not given."
     )

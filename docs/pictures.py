@@ -23,6 +23,7 @@ from pipeline.figures.style import (
 )
 from pipeline.orbit.transfer import track
 from pipeline.planners.classical import BASELINES, Expert
+from pipeline.show.data import obstacles_at
 from prolearn import Ring, Scenario
 
 HERE = Path(__file__).parent
@@ -30,6 +31,7 @@ STEPS = 24  # points drawn in each interval of README's swarm
 OTHERS = "#b8b8b8"  # colour of the craft that nobody comes close to
 VIEWS = ((1, 0), (1, 2))  # of examples: axes across and up
 NAMES = ("radial (m)", "along-track (m)", "cross-track (m)")
+LONGEST = 8.0  # length over height of flat paths up to which both axes have one scale
 EXAMPLE_POINTS = 240  # drawn of each path of an example, or one a node
 
 Paths = Float[Array, "n k 3"]
@@ -56,7 +58,7 @@ def transfer_figure(scenario: Scenario) -> Figure:
     figure = Figure(figsize=(PAGE_WIDTH, 3.9), layout="constrained", facecolor="white")
     axes = figure.subplot_mosaic([["own", "apart"], ["safe", "apart"]], width_ratios=(1.25, 1))
     more = safe.certificate.fuel / own.certificate.fuel - 1
-    titles = "Each craft by its own optimum", f"By the expert, for {100 * more:.1f} % more fuel"
+    titles = "Decoupled optima", f"By the expert, for {100 * more:.1f} % more fuel"
     for name, title, shown in zip(("own", "safe"), titles, paths, strict=True):
         draw_paths(axes[name], shown, pair, when)
         axes[name].set_title(title)
@@ -105,7 +107,7 @@ def draw_distances(
 ) -> None:
     """The distance of a pair against time by both plans, and the collision radius."""
     a, b = pair
-    for shown, line, name in zip(paths, ("--", "-"), ("own optima", "expert"), strict=True):
+    for shown, line, name in zip(paths, ("--", "-"), ("decoupled optima", "expert"), strict=True):
         apart = np.linalg.norm(shown[a] - shown[b], axis=-1)
         ax.plot(minutes, apart, line, color=INITIAL_COLOUR, label=name)
     ax.axhspan(0, radius, color=CONFLICT_COLOUR, alpha=0.2, linewidth=0)
@@ -123,18 +125,22 @@ def example_figure(scenario: Scenario) -> Figure:
     plan = Expert().plan([scenario])[0]
     steps = max(1, EXAMPLE_POINTS // scenario.problem.intervals)
     paths = track(plan.states, plan.controls, scenario.problem, steps)
+    drifts = obstacles_at(np.linspace(0, scenario.problem.duration, EXAMPLE_POINTS + 1), scenario)
     flat = np.abs(paths[..., 2]).max() < 0.01 * np.abs(paths[..., 1]).max()
     figure = Figure(figsize=(PAGE_WIDTH, 2.9), layout="constrained", facecolor="white")
     views = VIEWS[:1] if flat else VIEWS
     for ax, (across, up) in zip(np.ravel(figure.subplots(1, len(views))), views, strict=True):
         draw_views(ax, paths[..., across], paths[..., up])
-        for one in scenario.obstacles:
+        for one, drift in zip(scenario.obstacles, drifts, strict=True):
+            ax.plot(drift[:, across], drift[:, up], color="#707070", linewidth=0.7, linestyle="--")
             size = one.semi_axes or (one.radius, one.radius, one.radius)
             axes = [2 * (size[k] or 0.0) for k in (across, up)]
             at = one.state[across], one.state[up]  # where it is at the first node
             ax.add_patch(Ellipse(at, *axes, facecolor="#d9d9d9", edgecolor="#707070"))
         ax.set_xlabel(NAMES[across])
         ax.set_ylabel(NAMES[up])
+        if flat and np.ptp(paths[..., across]) < LONGEST * np.ptp(paths[..., up]):
+            ax.set_aspect("equal", adjustable="datalim")
     return figure
 
 

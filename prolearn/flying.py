@@ -55,7 +55,7 @@ class MonteCarlo:
     def figure(self) -> Figure:
         """For separation, error at the goal and Δv, the share of trials at or below a value."""
         asked, flown = self.plan.scenario, self.summaries[0].trials
-        title = f"{asked.name}: n = {asked.n}, {flown} trials"
+        title = f"{asked.headline}, {flown} trials"
         return trials_figure(self.trials, asked.problem.collision_radius, self.size, title)
 
 
@@ -72,8 +72,8 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Fly a plan many times with errors of thrust, timing and navigation, in memory.
 
-    Obstacles have none. The same seed has the same trials; ``prolearn fly --trials`` flies them on
-    several cores and keeps them in a folder.
+    Obstacles are flown without errors. The same seed has the same trials; ``prolearn fly
+    --trials`` flies them on several cores and keeps them in a folder.
 
     Args:
         plan: what is flown.
@@ -87,7 +87,7 @@ def monte_carlo(
         seed: of the errors.
 
     Raises:
-        InputError: for a number of trials that nobody flies, or a plan that cannot be replanned,
+        InputError: for fewer than one trial, or a plan that cannot be replanned,
             as that of a scenario with radii, obstacles or corridors.
     """
     check_kind("plan", plan, Plan)

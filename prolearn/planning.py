@@ -33,10 +33,11 @@ def plan(
 
     Args:
         scenario: what the swarm is asked to do.
-        planner: its name, or one that is there, which takes no further options.
+        planner: a planner's name, or a Planner object, which takes no further options.
         separation: keep craft apart at all times, or at the nodes only.
         passive_safety: also for so many orbits after any one craft has lost its thrust at a node.
-        risk: the most probability that any pair comes too close in open loop with errors.
+        risk: the upper limit on the probability that any pair comes too close with errors, in
+            open or closed loop.
         effort: as in ``planner``, and so are ``raw`` and ``assignment``.
         raw: a model's own plan.
         assignment: given or optimal.
@@ -105,7 +106,7 @@ def tradeoff(
         longest: transfer time, s.
         steps: times at most, spread over the range.
         goal: fixed, or moving: slots that move on along their passive orbits.
-        planner: its name, or one that is there.
+        planner: a planner's name, or a Planner object.
 
     Raises:
         InputError: for a range without a whole number of arcs, and as in ``plan``.

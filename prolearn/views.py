@@ -95,7 +95,7 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
         )
     if points:
         scenario = points[0].plan.scenario
-        title = f"{scenario.name}: n = {scenario.n}, arcs of {scenario.problem.time_step:g} s"
+        title = f"{scenario.headline}, arcs of {scenario.problem.time_step:g} s"
         return Plot(tradeoff_figure(points, knee_of(points), title))
     asked = plans[0].scenario
     for k, one in enumerate(plans):
@@ -145,7 +145,8 @@ def convert(
         to: oem and opm, CCSDS orbit ephemeris and parameter messages in EME2000, go into a folder,
             a file a craft, and the scenario needs a ``reference``; csv and parquet have a row for
             each craft and node, burns has one for each craft and interval with thrust; basilisk is
-            a Python script that flies them in this simulator.
+            a Python script that flies them in this simulator, of a scenario with an ``orbit`` or a
+            ``reference``.
         path: of the file or folder.
         mass: of the craft at the first node, kg, one for all or one for each; for burns, basilisk
             and opm, which needs it.

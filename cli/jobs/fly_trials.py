@@ -50,7 +50,7 @@ def fly_trials(
     radius = scenario.problem.collision_radius
     summaries = [summarize(loop, tables[loop.name], radius, size) for loop in loops]
     _write_table(summaries, out / TABLE)
-    title = f"{scenario.name}: n = {scenario.n}, {trials} trials in the {settings.world} world"
+    title = f"{scenario.headline}, {trials} trials in the {settings.world} world"
     save(trials_figure(tables, radius, size, title), out / FIGURE)
     return summaries
 

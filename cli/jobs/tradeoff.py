@@ -20,6 +20,7 @@ PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
 
 NOT_IN_CSV = (
     *("min_separation_pair", "assignment", "risk", "largest_share", "smallest_burn"),
+    *("passive_safety", "clearance", "corridor"),
     *("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters", "craft_share"),
 )
 """Fields of a row that are neither number nor word; the plan files have them."""
@@ -55,7 +56,7 @@ def trade(
         if str(old) not in kept:
             old.unlink()
     _write_table(rows, out / "tradeoff.csv")
-    title = f"{scenario.name}: n = {scenario.n}, arcs of {step:g} s, {settings.goal} goals"
+    title = f"{scenario.headline}, arcs of {step:g} s, {settings.goal} goals"
     save(tradeoff_figure(points, bend, title), out / "tradeoff")
     return rows
 

@@ -11,13 +11,16 @@ from pipeline.orbit.reference import Reference, radius_at
 from pipeline.scenario import Scenario
 
 
-def reference_of(scenario: Scenario) -> Reference:
-    """When and where the reference orbit is; InputError where the scenario does not say."""
+def reference_of(scenario: Scenario, instead: str = "") -> Reference:
+    """When and where the reference orbit is; InputError where the scenario does not say.
+
+    The error names what would do ``instead``.
+    """
     if scenario.reference is None:
         raise InputError(
             "the plan has no reference orbit; expected in its scenario "
             '"reference": {"epoch": "2026-03-01T12:00:00Z", "inclination_deg": 97.4, '
-            '"raan_deg": 40, "argument_of_latitude_deg": 0} with your values: add it.'
+            f'"raan_deg": 40, "argument_of_latitude_deg": 0}} with your values{instead}: add it.'
         )
     return scenario.reference
 
@@ -32,7 +35,8 @@ def reference_frames(
     """
     if scenario.problem.orbit is not None:
         return scenario.problem.orbit.frames(time)
-    where, rate = reference_of(scenario), scenario.problem.mean_motion
+    rate = scenario.problem.mean_motion
+    where = reference_of(scenario, ', or an "orbit"')
     i, raan, latitude = np.deg2rad(
         [where.inclination_deg, where.raan_deg, where.argument_of_latitude_deg]
     ).tolist()

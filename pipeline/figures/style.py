@@ -134,6 +134,7 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
 SPREAD = 20.0  # values whose largest is so many times the smallest positive one get a log scale
 FINEST = 1e-3  # averages below this are shown on the linear part of a symmetric log scale
 CROWDED = 1.7  # decades from which only powers of ten carry a number
+NARROW = 0.5  # decades below which 1, 2 and 5 would leave a log scale a single number
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 """Digits of exponents; figures have no formulas, which names would be taken for."""
@@ -144,18 +145,20 @@ def fit_scale(
 ) -> None:
     """Scale one axis for all values shown on it, none negative: linear, log, or symlog for zeros.
 
-    Axes that share it follow. With ``log`` a narrow range of positive values is logarithmic, too.
+    Axes that share it follow. With ``log`` positive values over half a decade are logarithmic, too.
     """
     array = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     positive = array[array > 0]
     zeros = bool((array == 0).any())
-    wide = positive.size > 0 and positive.max() / SPREAD > positive.min()
+    spread = 10.0**NARROW if log and not zeros else SPREAD
+    wide = positive.size > 0 and positive.max() / spread > positive.min()
     axis: Any = ax.xaxis if side == "x" else ax.yaxis
     limits = ax.set_xlim if side == "x" else ax.set_ylim
     scale = ax.set_xscale if side == "x" else ax.set_yscale
-    if positive.size == 0 or not (wide or (log and not zeros)):
-        if zeros:
-            limits(-0.05 * array.max() if array.max() > 0 else -0.05)
+    if not wide:
+        if zeros:  # none of the numbers is negative
+            most = array.max() if positive.size else 1.0
+            limits(-0.05 * most, None if positive.size else most)
         return
     low, high = float(positive.min()), float(positive.max())
     if zeros:
@@ -172,7 +175,11 @@ def fit_scale(
 
 
 def _decimal(value: float, _position: object) -> str:
-    """Plain decimals where they are short; powers of ten elsewhere."""
+    """Plain decimals where they are short; elsewhere 10⁻⁴ or 5·10⁻⁴."""
     if value == 0 or 1e-3 <= abs(value) < 1e4:
         return f"{value:g}"
-    return "10" + str(round(np.log10(value))).translate(RAISED) if value > 0 else ""
+    if value < 0:
+        return ""
+    mantissa, exponent = f"{value:.2e}".split("e")
+    factor = f"{float(mantissa):g}·" * (float(mantissa) != 1)
+    return f"{factor}10{str(int(exponent)).translate(RAISED)}"

@@ -19,7 +19,6 @@ from pipeline.orbit.nearest import Nearest, nowhere
 from pipeline.orbit.problem import Problem
 
 SIDES = 16  # of the pyramid inside an approach cone; its sides are cos(π/16), 98 %, as far out
-DRAWN = 100.0  # length of the edges of a cone that are shown, m
 MOST_NARROWED = 0.9  # share of its width by which a box is made narrower at most
 STEEPEST = 89.0  # half-angle of a cone, deg
 ROUNDING = 1e-9  # share of an interval by which a time may lie outside of it
@@ -58,7 +57,6 @@ class Box:
         by = np.minimum(by, MOST_NARROWED * (high - low) / 2)
         return Box(*(tuple(one.tolist()) for one in (low + by, high - by)))
 
-    @property
     def outline(self) -> Float[Array, "_ 3"]:
         """A line along all edges, for figures, m."""
         ends = np.array([self.min, self.max])
@@ -111,11 +109,10 @@ class Cone:
         apex = np.array(self.apex) - by / (self.faces[0] @ axis).mean() * axis
         return Cone(tuple(apex.tolist()), self.axis, self.half_angle_deg)
 
-    @property
-    def outline(self) -> Float[Array, "_ 3"]:
-        """As ``Box.outline``, of some length."""
+    def outline(self, length: float) -> Float[Array, "_ 3"]:
+        """As ``Box.outline``, with edges of a length, m."""
         apex = np.array(self.apex)
-        ends = apex + DRAWN * self.edges
+        ends = apex + length * self.edges
         walk = [part for k in range(SIDES) for part in (apex, ends[k], ends[(k + 1) % SIDES])]
         return np.stack(walk)
 

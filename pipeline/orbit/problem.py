@@ -120,7 +120,7 @@ class Problem:
 
     @property
     def intervals(self) -> int:
-        """T-1, the number of controls of each craft."""
+        """Number of intervals, T-1."""
         return self.nodes - 1
 
     @property

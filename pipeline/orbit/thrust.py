@@ -40,8 +40,8 @@ class Thrust:
         max_acceleration_norm: limit on ‖u‖₂, m/s², or None.
         min_delta_v: smallest impulse bit: least Δv of a burn that is not zero, of a thruster over
             an interval, m/s, or None.
-        no_burn: stretches of time from and to, s since the first node, in which no craft burns; so
-            it does in no interval that is part of one.
+        no_burn: stretches of time from and to, s since the first node, in which no craft burns; an
+            interval that overlaps one has no burn.
         objective: what is least: the fuel of all, or the largest share that a craft burns of what
             it has left.
     """

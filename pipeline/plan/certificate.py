@@ -272,7 +272,8 @@ class Certificate:
         dynamics_error: largest violation of Eq. 2 in position between two nodes, m; of a flight,
             which states are taken from, 0.
         fuel_lower_bound_proof: how the bound is proven, in words.
-        risk: the risk in open loop, where a limit was asked for, or None.
+        risk: the collision risk with errors, in open or closed loop, where a limit was asked for,
+            or None.
         passive_safety: how close craft come after a loss of thrust, where that was asked for.
         craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s. Thrusters along the three axes have to
             provide it. Earlier files have none.

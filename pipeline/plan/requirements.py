@@ -72,7 +72,8 @@ class Requirements:
         separation: keep craft apart at all times or at the nodes only.
         passive_safety: also for so many orbits after any one of them has lost its thrust at a
             node, or None.
-        risk: also with at least some probability when craft err in open loop, or None.
+        risk: also with a collision risk of at most a limit when craft err, in open or closed
+            loop, or None.
     """
 
     separation: Separation = "continuous"

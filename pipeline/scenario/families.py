@@ -54,7 +54,8 @@ def draw(
 ) -> Scenario:
     """Draw scenario ``index`` of a split of a family, for n craft, from the arguments alone.
 
-    Errors are those of ``draw_many``.
+    Raises:
+        InputError: as ``draw_many``.
     """
     return draw_many(family, seed, n, [(split, index)], problem)[0]
 
@@ -64,8 +65,9 @@ def draw_many(
 ) -> list[Scenario]:
     """Draw scenarios by split and index, each as ``draw`` does, in a fraction of the time.
 
-    InputError for an unknown family or split, n, seed or index out of range, or where no passively
-    safe formation of n craft was found.
+    Raises:
+        InputError: for an unknown family or split, n, seed or index out of range, or where no
+            passively safe formation of n craft was found.
     """
     check_family(family)
     seed, n, which = _integer(seed), _integer(n), [(split, _integer(k)) for split, k in which]

@@ -108,6 +108,11 @@ class Scenario:
         """Number of spacecraft."""
         return len(self.initial)
 
+    @property
+    def headline(self) -> str:
+        """Name, if any, and size, with which titles of figures begin."""
+        return f"{self.name}: " * bool(self.name) + f"n = {self.n}"
+
     @cached_property
     def limits(self) -> Limits | None:
         """Thrust limits of each craft; None where max_acceleration is the only one.

@@ -13,7 +13,7 @@ from pipeline.orbit.thrust import Limits, Thrust, Windows, blocked, check_window
 
 @dataclass(frozen=True)
 class Spacecraft:
-    """One craft, as far as it is not like the others.
+    """Properties of one craft that differ from the swarm's.
 
     Attributes:
         name: in files for simulators.

@@ -9,9 +9,8 @@ from jinja2.utils import htmlsafe_json_dumps
 
 from pipeline.files import write_text
 from pipeline.markup import template
-from pipeline.orbit.corridors import DRAWN
 from pipeline.plan import Plan, Rechecked, recheck
-from pipeline.show.data import page_data, steps_of
+from pipeline.show.data import LARGER, page_data, steps_of
 from pipeline.show.tables import certificate_rows, motion, planner_rows, scenario_rows, verdict
 
 HERE = Path(__file__).parent
@@ -36,7 +35,10 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         spent=list(zip(*filter(None, by_kind), strict=True)),
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
-        cone=DRAWN,
+        ends={"initial": "start", "goal": "goal"},
+        drawn=[end for end, orbits in data["orbits"].items() if orbits],
+        larger=LARGER,
+        least=min(data["radii"]),
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
         motion=motion(shown.plan),
         hashes=[_hash(script.encode()), _hash(plotly)],

@@ -10,6 +10,7 @@ from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, Formation, States, Values
 from pipeline.orbit.bezier import norm
+from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_distances
@@ -19,7 +20,10 @@ from pipeline.scenario import Scenario, participants
 
 SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes
 CROWD = 100  # craft beyond which a page would grow too large: each then has fewer samples
-ORBIT_STEPS = 4  # samples in each of the intervals into which an orbit of free drift is cut
+ORBIT_STEPS = (4, 8, 16, 32, 64)  # samples in each interval of an orbit of free drift: by need
+CHORD = 0.002  # by which straight lines between them may miss it, as a share of the paths' extent
+LARGER = 10.0  # extent of orbits beyond that of the paths from which they would hide these
+VISIBLE = 0.004  # least radius of what is drawn, as a share of the extent of all
 MOST = 6  # pairs whose separation is shown, each in a colour that can be told from the others
 PADDING = 0.04  # free space around what is drawn, as a share of its extent
 FLATTEST = 0.3  # least extent of the box on any axis, as a share of the largest, for labels
@@ -47,17 +51,24 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         closest.append(found.min_separation_time)
     times = sample_times(scenario.n, problem, np.array(closest))
     positions = positions_at(times, plan.states, plan.controls, problem)
+    extent = _extent(positions)
     drifts = {
-        "initial": orbits(scenario.initial, problem),
-        "goal": orbits(scenario.goal, problem.starting_at(problem.intervals)),
+        "initial": orbits(scenario.initial, problem, CHORD * extent),
+        "goal": orbits(scenario.goal, problem.starting_at(problem.intervals), CHORD * extent),
     }
+    for end, drift in drifts.items():
+        if _extent(drift) > LARGER * extent:
+            drifts[end] = drift[:0]
     apart = [norm(positions[pair.first] - positions[pair.second]) for pair in pairs]
     nearest = None
     if scenario.n > 1:
         craft, distance = nearest_pair(positions)
         nearest = {"pairs": craft.tolist(), "separations": _whole(1000 * distance)}
     limit, obstacles = problem.max_acceleration, obstacles_at(times, scenario)
-    room = max([*scenario.radii, *(a for one in scenario.obstacles for a in one.axes)])
+    corridors = [_outline(one, times, positions) for one in scenario.corridors]
+    near = [one[None] for one in corridors if _extent(one[None]) <= LARGER * extent]
+    least = VISIBLE * _extent(positions, *drifts.values(), *near, obstacles)
+    room = max([least, *scenario.radii, *(a for one in scenario.obstacles for a in one.axes)])
     return {
         "times": times.tolist(),
         "nodes": (np.arange(problem.nodes) * problem.time_step).tolist(),
@@ -65,14 +76,18 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         "bound": found.min_separation_bound,
         "closest": found.min_separation_time,
         "positions": _whole(100 * positions),
-        "corridors": [_whole(100 * one.inside.outline) for one in scenario.corridors],
-        "radii": scenario.radii.tolist(),
+        "corridors": [_whole(100 * one) for one in corridors],
+        "radii": np.maximum(scenario.radii, least).tolist(),
         "obstacles": [
-            {"name": one.name, "axes": one.axes, "track": _whole(100 * track)}
+            {
+                "name": one.name,
+                "axes": np.maximum(one.axes, least).tolist(),
+                "track": _whole(100 * track),
+            }
             for one, track in zip(scenario.obstacles, obstacles, strict=True)
         ],
         "orbits": {end: _whole(100 * drift) for end, drift in drifts.items()},
-        "box": _box([positions, *drifts.values(), obstacles], room),
+        "box": _box([positions, *drifts.values(), *near, obstacles], room),
         "controls": np.round(1000 * plan.controls, 5).tolist(),
         "limit": None if limit is None else 1000 * limit,
         "pairs": [[pair.first, pair.second] for pair in pairs],
@@ -112,10 +127,21 @@ def obstacles_at(times: Float[Array, "S"], scenario: Scenario) -> Float[Array, "
     return positions_at(times, swarms.states, swarms.controls, scenario.problem)
 
 
-def orbits(states: Formation, problem: Problem) -> Float[Array, "n P 3"]:
-    """Positions in m along an orbit of free drift from each state (m, m/s)."""
-    steps = ORBIT_STEPS if len(states) <= CROWD else 1
-    return track(*free_drift(states, problem), steps)
+def orbits(states: Formation, problem: Problem, accuracy: float = np.inf) -> Float[Array, "n P 3"]:
+    """Positions in m along an orbit of free drift from each state (m, m/s).
+
+    Straight lines between them are within an accuracy, m, of the orbit, where that takes no more
+    than the most samples: near the perigee of an eccentric orbit craft are fast.
+    """
+    drift = free_drift(states, problem)
+    if len(states) > CROWD:
+        return track(*drift, 1)
+    for steps in ORBIT_STEPS:
+        found = track(*drift, 2 * steps)
+        sampled, between = found[:, ::2], found[:, 1::2]
+        if norm(between - (sampled[:, 1:] + sampled[:, :-1]) / 2).max() <= accuracy:
+            break
+    return sampled
 
 
 def closest_pairs(
@@ -161,6 +187,20 @@ def nearest_pair(positions: Float[Array, "n S 3"]) -> tuple[Int[Array, "S 2"], F
 
 def _whole(values: Float[Array, "*shape"]) -> Any:
     return np.rint(values).astype(np.int64).tolist()
+
+
+def _outline(one: Corridor, times: Values, positions: Float[Array, "n S 3"]) -> Float[Array, "_ 3"]:
+    """A line along the edges of a corridor, of a cone as far as craft are that it is for, m."""
+    if isinstance(one.inside, Box):
+        return one.inside.outline()
+    counts = positions[list(one.craft) or slice(None)][:, (times >= one.begin) & (times <= one.end)]
+    return one.inside.outline(norm(counts - np.array(one.inside.apex)).max())
+
+
+def _extent(*parts: Float[Array, "_ _ 3"]) -> float:
+    """The largest extent on any axis, m."""
+    points = np.concatenate([part.reshape(-1, 3) for part in parts])
+    return float(np.ptp(points, axis=0).max()) if len(points) else 0.0
 
 
 def _box(parts: list[Float[Array, "_ _ 3"]], radius: float) -> list[list[float]]:

@@ -66,9 +66,9 @@ function surfaces() {
 function numbers() {
   const which = data.positions.length <= FEW ? craft : state.marked;
   const below = which.map((k) => k === state.marked[1]); // so that two that meet can be told apart
-  const clear = [0, 0, 0.6 * data.collisionRadius];
+  const clear = (k) => [0, 0, 1.2 * data.radii[k]];
   const place = (axis) => which.map((k, n) =>
-    data.positions[k][state.sample][axis] / 100 + (below[n] ? -1 : 1) * clear[axis]);
+    data.positions[k][state.sample][axis] / 100 + (below[n] ? -1 : 1) * clear(k)[axis]);
   const positions = below.map((under) => (under ? "bottom center" : "top center"));
   return { text: which.map(String), at: [0, 1, 2].map(place), positions };
 }
@@ -105,7 +105,7 @@ function spaceTraces() {
     lines(data.orbits.initial, { color: colour("initial"), width: 2 }, shown.initial),
     lines(data.orbits.goal, { color: colour("goal"), width: 2 }, shown.goal),
     lines(data.positions, { color: colour("faint"), width: 1.5 }, shown.paths),
-    lines(data.corridors, { color: colour("goal"), width: 1.5, dash: "dash" }, shown.paths),
+    lines(data.corridors, { color: colour("pair3"), width: 2 }, shown.paths),
     lines(data.obstacles.map(({ track }) => track), { color: colour("limit"), width: 2 }, shown.paths),
     lines(marked.map((k) => data.positions[k]), { color: colour("marked"), width: 4 }, shown.paths),
   ];
@@ -128,7 +128,8 @@ function spaceLayout() {
     showbackground: false, showspikes: false, nticks: narrow.matches ? 4 : 6,
   });
   const extent = data.box.map(([low, high]) => high - low), away = narrow.matches ? 1.35 : 0.92;
-  const ratio = extent.map((length) => length / Math.max(...extent)); // a metre is as long on each
+  // A metre is as long on each; of a box that is nearly a cube less, so that its axes are in view.
+  const ratio = extent.map((length) => length / Math.max(Math.max(...extent), Math.hypot(...extent) / 1.3));
   return layout({
     margin: { l: 0, r: 0, t: 0, b: 0 },
     scene: {
@@ -171,9 +172,13 @@ function separationLayout() {
   const top = Math.max(4 * most, 2 * Math.max(...shown)), bound = data.bound ?? 0;
   const named = most === data.collisionRadius ? "r_col" : "both radii";
   const level = (y, look) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: look });
+  const high = top / 12; // of a label, more or less
   const label = (y, text, x, other) => ({
-    xref: "paper", x, xanchor: x ? "right" : "left", y, text, showarrow: false,
-    ...(y > other || y < top / 12 ? { yanchor: "bottom", yshift: 2 } : { yanchor: "top", yshift: -2 }),
+    xref: "paper", x, xanchor: x ? "right" : "left", text, showarrow: false,
+    // Above its line, or below that of two which is the lower, where there is room; else above both.
+    ...(y > other || y < high
+      ? { y: other - y < high ? Math.max(y, other) : y, yanchor: "bottom", yshift: 2 }
+      : { y, yanchor: "top", yshift: -2 }),
     bgcolor: colour("page"), opacity: 0.85,
   });
   return layout({
@@ -252,7 +257,7 @@ function tell() {
   if (data.nearest) {
     const [i, j] = data.nearest.pairs[state.sample];
     const apart = (data.nearest.separations[state.sample] / 1000).toFixed(3);
-    closest = `; closest now ${i} and ${j}, ${apart} m`;
+    closest = `; closest ${data.obstacles.length ? "craft " : ""}now ${i} and ${j}, ${apart} m`;
   }
   find("now").textContent = `${time} of ${data.times.at(-1).toFixed(0)} s${closest}`;
   find("time").value = state.sample;

@@ -61,8 +61,14 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     headline = "Unsafe" if not shown.safe else "Safe at the nodes" if at_nodes else "Safe"
     if shown.safe and shown.faults:
         headline = "Not as claimed" if claimed_status == SOLVED else claimed_status.capitalize()
-    elif found.min_separation_pair is None and clear is None:
+    elif shown.safe and found.min_separation_pair is None and clear is None:
         headline, reasons = "Reaches its goal", ["There is no other craft to stay clear of."]
+    if shown.safe and (inside := found.corridor) is not None:
+        reasons.append(
+            f"Craft {inside.craft} comes closest to a side of its corridor: at {inside.time:.1f} s "
+            f"it is {inside.min_margin:.4f} m inside of it. Proven: never by less than "
+            f"{_down(inside.min_margin_bound)} m."
+        )
     return Verdict(shown.safe and not shown.faults, headline, tuple(reasons))
 
 
@@ -78,7 +84,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         ("It holds for", _motion(plan)),
         (_fuel(plan.scenario), f"{found.fuel:.6g} m/s²"),
         ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
-        ("No plan needs less fuel than, by the file", f"{found.fuel_lower_bound:.6g} m/s²"),
+        ("Lower bound on fuel (from the file)", f"{found.fuel_lower_bound:.6g} m/s²"),
         ("Gap to that bound", gap),
         ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
         *_thrust_rows(found),
@@ -96,7 +102,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
 
 def _motion(plan: Plan) -> str:
     if plan.as_flown:
-        return "the flight about the reference orbit, in all terms"
+        return "nonlinear motion about the reference orbit"
     circle = plan.scenario.problem.orbit is None
     return "linear motion about a circle" if circle else "linear motion about the reference orbit"
 
@@ -221,7 +227,7 @@ def _passive_safety_rows(found: Certificate) -> Rows:
     clear = _clearance_rows("Least clearance after a loss of thrust", drifting.clearance)
     if drifting.pair is None or drifting.min_separation_bound is None:
         return clear
-    (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbits"
+    (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbit{'s' * (drifting.orbits != 1)}"
     bound = _down(drifting.min_separation_bound)
     return [
         (f"Least separation after a loss of thrust, {orbits}", f"{drifting.min_separation:.4f} m"),

@@ -14,7 +14,8 @@ def made(prolearn, *options):
 def test_the_card_is_written_and_the_dataset_stays_sound(prolearn, tmp_path):
     made(prolearn)
     done = prolearn("dataset", "card", "data", "--license", "cc-by-4.0")
-    assert (done.returncode, done.stdout) == (0, "README.md is in data; it tells of 4 scenarios.\n")
+    assert done.returncode == 0
+    assert done.stdout == "README.md is in data; it describes 4 scenarios.\n"
     text = (tmp_path / "data/README.md").read_text(encoding="utf-8")
     assert yaml.safe_load(text.split("---\n")[1])["license"] == "cc-by-4.0"
     done = prolearn("verify", "data", "--jobs", 1)

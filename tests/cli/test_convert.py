@@ -64,6 +64,7 @@ def test_without_a_reference_orbit_the_sentence_says_what_to_add_and_that_helps(
     done = prolearn("convert", "p.json", "--to", "oem")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert not (tmp_path / "p").exists()
+    assert '"orbit"' not in done.stderr, "which would not say when"
     added = done.stderr[done.stderr.index('"reference"') :].split("} ")[0] + "}"
     document = json.loads((tmp_path / "p.json").read_text())
     document["scenario"] |= json.loads("{" + added + "}")

@@ -103,6 +103,24 @@ def test_all_that_is_wrong_is_said_on_80_columns_with_status_1(prolearn, tmp_pat
     assert "goal craft apart fine" in said
 
 
+def test_the_columns_of_all_rows_line_up(prolearn, tmp_path):
+    """Also where a rule's name is longer than the usual ones."""
+    prolearn("scenario", "new", "s.json", "--n", "2")
+    document = json.loads((tmp_path / "s.json").read_text())
+    places = [[9, 300, 40], [9, -300, 40]]
+    document["waypoints"] = [
+        {"craft": k, "position": place, "time": 600} for k, place in enumerate(places)
+    ]
+    box = {"min": [-900] * 3, "max": [900] * 3}
+    document["corridors"] = [{"from": 0, "to": 1200, "box": box}]
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    rows = prolearn("scenario", "check", "s.json").stdout.splitlines()
+    verdicts = [row.index(" fine ") for row in rows if " fine " in row]
+    assert len(verdicts) > 6 and len(set(verdicts)) == 1
+    assert any("waypoints apart" in row for row in rows)
+    assert any("inside corridors" in row for row in rows)
+
+
 def test_json_has_every_fault_with_its_numbers(prolearn, tmp_path):
     faulty(tmp_path / "s.json")
     done = prolearn("scenario", "check", "s.json", "--json")

@@ -77,6 +77,8 @@ def test_what_does_not_go_together_is_refused_in_a_sentence(prolearn, handed_ove
         (("--initial", "oem"), "--initial or --goal is missing"),
         (("--chief", "chief.csv"), "--initial or --goal is missing"),
         (("--no-j2",), "without --eccentricity"),
+        (("--eccentricity", "0.001", "--drag", "0.01"), "--drag is given without --initial; "),
+        (("--drag-spread", "0.1"), "--drag-spread is given without --initial; "),
         ((*both, "--altitude", "5e5"), "--altitude is given with inertial states"),
         ((*both, "--eccentricity", "0.1"), "--eccentricity is given with inertial states"),
         ((*both, "--seed", "1"), "--seed is given with inertial states"),

@@ -82,7 +82,7 @@ def test_inertial_states_take_thrusters_too(prolearn, tmp_path):
     "options, sentence",
     [
         (["--objective", "fair"], "not every craft has a delta_v"),
-        (["--no-burn", "5"], "--no-burn is '5'; expected from and to"),
+        (["--no-burn", "5"], "--no-burn is '5'; expected start:end"),
         (["--no-burn", "9:5"], "no_burn has 9 to 5 s"),
         (["--min-delta-v", "-1"], "min_delta_v"),
         (["--thrust", "directions"], "--thrust"),

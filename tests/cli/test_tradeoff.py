@@ -1,12 +1,17 @@
 """prolearn tradeoff: a curve with certified plans behind it."""
 
 import json
+import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from judge import Case, judge_plan, least_fuel
 
+from pipeline.orbit.corridors import Box, Corridor
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
@@ -83,6 +88,23 @@ def test_only_safe_plans_are_files_and_those_of_an_earlier_range_go(prolearn, tm
         for row in table[table["status"] == "unsafe"].itertuples():
             pair = f"craft {row.first_craft} and {row.second_craft} come within"
             assert f"{row.duration / 60:.4g} min: unsafe: {pair}" in done.stdout
+
+
+def test_the_tables_columns_are_numbers_and_words_and_those_of_the_page(prolearn, tmp_path):
+    """Also of a scenario whose plans have margins of obstacles and corridors."""
+    scenario = draw("rings", 0, 2, 0, Problem())
+    debris = Obstacle("debris", (0.0, 2000.0, 0.0, 0.0, 0.0, 0.0), radius=5.0)
+    inside = Corridor(Box((-900.0,) * 3, (900.0,) * 3), 0.0, 1200.0)
+    more = replace(scenario, obstacles=(debris,), corridors=(inside,))
+    write_scenario(tmp_path / "s.json", more)
+    done = prolearn("tradeoff", "s.json", "--duration", "20..22min", "--steps", 2)
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "s-tradeoff" / "tradeoff.csv").read_text()
+    assert "{" not in text
+    page = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
+    section = page.split("## Trade-offs: tradeoff.csv")[1].split("\n## ")[0]
+    first = "".join(re.findall(r"^\| (`.*?) \|", section, re.MULTILINE))
+    assert set(re.findall(r"`(\w+)`", first)) == set(text.splitlines()[0].split(","))
 
 
 def test_where_no_duration_has_a_safe_plan_the_status_is_1(prolearn, tmp_path):

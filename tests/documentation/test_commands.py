@@ -24,6 +24,20 @@ COMMANDS = sorted(
 )
 
 
+def anchors(page):
+    """Those of a page's headings, as GitHub makes them."""
+    text = BLOCK.sub("", page.read_text(encoding="utf-8"))
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", one.strip().lower()).replace(" ", "-") for one in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_to_headings_work_on_github_too(page):
+    for file, anchor in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", page.read_text("utf-8")):
+        target = page.parent / file if file else page
+        assert target.suffix != ".md" or anchor in anchors(target), f"{file}#{anchor}"
+
+
 def parse(arguments):
     """Read a command line as it would be read, and run nothing."""
     command, parent = typer.main.get_command(app), None

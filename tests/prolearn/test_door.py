@@ -1,8 +1,10 @@
 """What `import prolearn` gives does what the commands do, and its plans stand before the judge."""
 
 import json
+import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -312,6 +314,9 @@ def test_a_monte_carlo_is_that_of_the_command(plan, tmp_path, forked):
         for name in ("loop", "sigmas", "within_radius", "goal_error_high", "delta_v_median"):
             assert getattr(summary, name) == row[name]
     assert prolearn.plot(found)._repr_png_().startswith(PNG)
+    assert found.figure().get_suptitle() == "swap: n = 6, 6 trials"
+    unnamed = replace(plan, scenario=replace(plan.scenario, name=""))
+    assert replace(found, plan=unnamed).figure().get_suptitle() == "n = 6, 6 trials"
 
 
 def test_the_reference_orbit_of_a_scenario_is_flown(plan):
@@ -328,6 +333,12 @@ def test_a_trade_off_has_a_sound_plan_for_each_duration_and_a_figure(plan):
     assert [point.duration for point in points] == [1200.0, 1440.0, 1800.0]
     assert all(is_sound(point.plan) for point in points)
     assert prolearn.plot(points)._repr_png_().startswith(PNG)
+    unnamed = replace(plan, scenario=replace(plan.scenario, name=""))
+    titles = [
+        prolearn.plot([replace(points[0], plan=one)]).figure.axes[0].get_title("left")
+        for one in (plan, unnamed)
+    ]
+    assert titles == ["swap: n = 6, arcs of 120 s", "n = 6, arcs of 120 s"]
 
 
 def test_a_page_stands_in_a_notebook_and_in_a_file(plan, tmp_path):
@@ -381,6 +392,9 @@ def test_every_public_name_is_there_and_documented():
     for name in prolearn.__all__:
         assert getattr(prolearn, name) is not None
         assert name == "COLD_GAS" or name == "FAMILIES" or getattr(prolearn, name).__doc__
+    page = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\.\. [a-z:]+:: prolearn\.(\w+)$", page, re.MULTILINE)
+    assert sorted(listed) == sorted(prolearn.__all__)
 
 
 def test_thrusters_and_craft_of_their_own_are_given_and_kept():

@@ -101,6 +101,13 @@ def cells(text, heading):
     return rows
 
 
+def test_a_blank_line_stands_before_each_table_which_other_readers_of_markdown_need(carded):
+    lines = body(carded).splitlines()
+    tables = [k for k, line in enumerate(lines) if re.match(r"\|[ :|-]+\|$", line)]
+    assert len(tables) >= 3
+    assert [lines[k - 2] for k in tables] == [""] * len(tables)
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_load_dataset_reads_the_rows_that_pyarrow_reads_split_by_split(name, carded, hub):
     loaded = hub.load_dataset(str(carded), name)

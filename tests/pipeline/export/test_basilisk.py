@@ -124,7 +124,7 @@ def test_what_a_name_from_a_file_has_in_it_is_no_code(tmp_path):
 def test_a_plan_that_is_nowhere_or_damaged_is_no_script(tmp_path):
     plan = solve(rings(n=2))
     nowhere = replace(plan, scenario=replace(plan.scenario, reference=None))
-    with pytest.raises(InputError, match='"reference"'):
+    with pytest.raises(InputError, match=r'"reference": {.*}.*, or an "orbit": add it'):
         write_basilisk(nowhere, tmp_path / "s.py")
     with pytest.raises(InputError, match="off those that its controls lead to"):
         write_basilisk(replace(plan, states=plan.states * 1.001), tmp_path / "s.py")

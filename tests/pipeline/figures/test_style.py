@@ -103,3 +103,41 @@ def test_powers_of_ten_are_drawn_without_a_formula(tmp_path):
     save(drawn(), tmp_path / "f", [".svg"])
     text = (tmp_path / "f.svg").read_text(encoding="utf-8")
     assert "<!-- 10⁻⁶ -->" in text and "<!-- 10⁴ -->" in text
+
+
+def drawn_numbers(values, log=False):
+    """The numbers that stand within the limits of an axis, as text and as values."""
+    figure = Figure()
+    ax = figure.subplots()
+    ax.plot(values)
+    fit_scale(ax, "y", values, log=log)
+    figure.draw_without_rendering()
+    low, high = ax.get_ylim()
+    axis = ax.yaxis
+    ticks = zip(axis.get_majorticklabels(), axis.get_majorticklocs(), strict=True)
+    return [(text.get_text(), at) for text, at in ticks if low <= at <= high]
+
+
+def test_numbers_on_a_logarithmic_axis_are_the_values_at_which_they_stand():
+    powers = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"
+    for values in ([1.5e-4, 6e-3], [3e4, 1.2e6], [2e-9, 3e-8]):
+        found = drawn_numbers(values, log=True)
+        assert len(found) >= 2
+        for text, at in found:
+            factor, _, power = text.replace("·10", "·").rpartition("·")
+            if text.startswith("10"):
+                factor, power = "1", text[2:]
+            if set(text) & set(powers[0]):
+                text = f"{factor}e{power.translate(str.maketrans(*powers))}"
+            assert float(text) == pytest.approx(at)
+    assert "5·10⁻⁴" in [text for text, _ in drawn_numbers([1.5e-4, 6e-3], log=True)]
+
+
+@pytest.mark.parametrize("low", [0.6, 0.8, 1.1, 2.1])
+@pytest.mark.parametrize("times", [1.1, 1.5, 3.0, 3.3, 6.0])
+def test_a_narrow_range_has_several_numbers(low, times):
+    assert len(drawn_numbers([low, low * times], log=True)) >= 2
+
+
+def test_an_axis_of_zeros_has_no_negative_number():
+    assert min(at for _, at in drawn_numbers([0.0, 0.0, 0.0])) == 0

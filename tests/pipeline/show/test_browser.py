@@ -10,6 +10,7 @@ import pytest
 from clohessy import position
 from judge import exact_step
 
+import prolearn
 from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
@@ -18,6 +19,7 @@ from pipeline.plan import Made, planned
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show import write_page
+from prolearn import Ring
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 FLAGS = (
@@ -261,6 +263,24 @@ def test_where_radii_differ_each_pair_has_a_line_of_its_own(browser, opened):
     rows = by(browser, ".pairs").text.splitlines()[1:]
     said = [float(row.split(" m ")[1]) for row in rows]
     assert said == pytest.approx(least, abs=1e-3)
+
+
+def test_labels_near_the_bottom_lie_on_no_line(browser, opened):
+    far = Ring(craft=1, size=100, offset=4000)
+    both = Ring(craft=2, size=150)
+    scenario = prolearn.scenario([both, far], [both | {"first_phase_deg": 90}, far])
+    opened(solve(replace(scenario, problem=replace(scenario.problem, collision_radius=40.0))))
+    for bound in (40.1, 90.0, 300.0):
+        browser.execute_script("data.bound = arguments[0]; return draw()", bound)
+        spans = browser.execute_script(
+            "return ['.annotation-text-g', '.shapelayer path'].map((one) => [...document"
+            ".querySelectorAll('#separation ' + one)].map((e) => e.getBoundingClientRect())"
+            ".filter((r) => r.width > r.height).map((r) => [r.top, r.bottom]))"
+        )
+        labels, lines = spans
+        assert len(labels) == len(lines) == 2
+        for top, bottom in labels:
+            assert not any(top + 3 < (a + b) / 2 < bottom - 3 for a, b in lines), bound
 
 
 def test_radii_of_one_size_are_one_line(browser, opened):

@@ -1,5 +1,7 @@
 """What a page shows of the motion is exact at every time, and has the closest approaches."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from clohessy import position
@@ -7,8 +9,9 @@ from scipy.optimize import minimize_scalar
 
 from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.transfer import fly, free_drift, track
 from pipeline.scenario import draw
+from pipeline.scenario.document import read_scenario
 from pipeline.show.data import (
     closest_pairs,
     nearest_pair,
@@ -21,6 +24,7 @@ from pipeline.show.data import (
 
 PROBLEM = Problem()
 NONE = np.zeros(0)
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 def own(n, index=0, problem=PROBLEM):
@@ -145,6 +149,42 @@ def test_all_that_is_drawn_is_in_the_box_whose_sides_are_never_too_unequal():
     data, _ = page_data(solve(scenario))
     drawn = [data["positions"], data["orbits"]["initial"], data["orbits"]["goal"]]
     points = np.concatenate([np.array(part).reshape(-1, 3) / 100 for part in drawn])
+    assert data["radii"] == [7.5] * 3, "true to scale"
     low, high = np.array(data["box"]).T
     assert np.all(points - 7.5 >= low) and np.all(points + 7.5 <= high)
     assert (high - low).min() > 0.29 * (high - low).max()
+
+
+def test_orbits_far_larger_than_the_paths_are_not_drawn_and_others_without_corners():
+    """SIMBOL-X drifts over 1,900 km where it starts, and goes 30 km, on an orbit of e = 0.8."""
+    scenario = read_scenario(EXAMPLES / "simbol-x.json")
+    plan = solve(scenario)
+    data, _ = page_data(plan)
+    drifts = [orbits(scenario.initial, scenario.problem)]
+    goal = scenario.problem.starting_at(scenario.problem.intervals)
+    drifts.append(track(*free_drift(scenario.goal, goal), 256))
+    assert np.ptp(drifts[0], axis=1).max() > 1e6
+    assert data["orbits"]["initial"] == []
+    size = np.ptp(data["box"], axis=1).max()
+    assert size < 1.3 * np.ptp(plan.states[..., :3], axis=1).max()
+    line = np.array(data["orbits"]["goal"][0]) / 100
+    start, step = line[:-1], np.diff(line, axis=0)
+    for point in drifts[1][0]:
+        along = np.vecdot(point - start, step) / np.vecdot(step, step)
+        nearest = start + np.clip(along, 0, 1)[:, None] * step
+        assert np.linalg.norm(point - nearest, axis=1).min() < 0.01 * size
+
+
+def test_a_cone_is_drawn_as_far_as_its_craft_and_small_craft_so_that_they_are_seen():
+    scenario = read_scenario(EXAMPLES / "station-docking.json")
+    assert scenario.radii.max() < 0.01
+    plan = solve(scenario)
+    data, _ = page_data(plan)
+    apex = np.array(scenario.corridors[0].inside.apex)
+    ends = np.array(data["corridors"][0]) / 100
+    furthest = np.linalg.norm(plan.states[0, :, :3] - apex, axis=1).max()
+    length = np.unique(np.linalg.norm(ends - apex, axis=1).round(1))
+    assert length == pytest.approx([0, furthest], abs=0.1)
+    low, high = np.array(data["box"]).T
+    assert np.all(ends > low) and np.all(ends < high)
+    assert 0.003 < data["radii"][0] / (high - low).max() < 0.01

@@ -16,10 +16,12 @@ from pipeline.orbit.problem import Problem
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
+from pipeline.scenario.document import read_scenario
 from pipeline.show import HERE, page
 
 VENDOR = HERE / "vendor"
 BUNDLE = VENDOR / "plotly-gl3d.min.js"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 HOSTILE = '</script><script>alert(1)</script><img src="x" onerror="alert(2)">{{ 7*7 }}'
 
 
@@ -108,6 +110,24 @@ def test_a_page_says_by_which_equations_craft_move_on_it():
     said = [page(plan, "p")[0] for plan in (solve(circle), solve(about), flown)]
     assert ["Clohessy-Wiltshire" in text for text in said] == [True, False, False]
     assert ["where the flight has craft" in text for text in said] == [False, False, True]
+
+
+def test_a_single_crafts_verdict_names_the_margin_of_its_corridor():
+    scenario = read_scenario(EXAMPLES / "station-docking.json")
+    plan = solve(scenario)
+    inside = plan.certificate.corridor
+    text = parsed(page(plan, "p")[0]).text
+    told = f"at {inside.time:.1f} s it is {inside.min_margin:.4f} m inside of it."
+    assert "Reaches its goal" in text and told in text
+    cone = replace(scenario.corridors[0].inside, half_angle_deg=3.0)
+    narrow = replace(scenario, corridors=(replace(scenario.corridors[0], inside=cone),))
+    text = parsed(page(replace(plan, scenario=narrow), "p")[0]).text
+    assert "Unsafe" in text and "Reaches its goal" not in text and "inside of it" not in text
+
+
+def test_where_there_are_obstacles_the_closest_pair_is_said_to_be_of_craft():
+    text = parsed(page(solve(read_scenario(EXAMPLES / "inspection.json")), "p")[0]).text
+    assert ", the closest two craft" in text and "Separation of craft" in text
 
 
 def test_of_what_is_not_ours_only_the_recorded_files_are_there():
