@@ -307,7 +307,10 @@ def test_a_risk_is_refused_with_them():
         ({"radius": 5.0, "semi_axes": (1.0, 1.0, 1.0)}, "one of radius and semi_axes"),
         ({}, "one of radius and semi_axes"),
         ({"radius": -1.0}, "size of obstacle 'it'"),
-        ({"radius": 1.0, "state": (0.0,) * 5}, "six finite numbers"),
+        (
+            {"radius": 1.0, "state": (0.0,) * 5},
+            r"state of obstacle 'it' is .*; expected 6 finite numbers",
+        ),
         (
             {"radius": 1.0, "hold": True, "state": (0.0, 0.0, 0.0, 0.0, 1.0, 0.0)},
             "held and has a velocity",
