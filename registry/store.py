@@ -24,7 +24,7 @@ from mlflow.telemetry import set_telemetry_client
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import clear_scratch
-from pipeline.text import public, public_url
+from pipeline.text import public, public_url, sqlite_url
 from registry.entities import pages
 from registry.running import FAILURES, close_abandoned
 
@@ -140,7 +140,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
         path, (_, mark, query) = database_path(uri), uri.partition("?")
         locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
         with guarded(path, create=create):
-            return _open(f"sqlite:///{path}{mark}{query}", locations, path if create else None)
+            return _open(f"{sqlite_url(path)}{mark}{query}", locations, path if create else None)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
@@ -222,7 +222,7 @@ def _check_reachable(uri: str) -> None:
 
 def database_path(uri: str) -> Path:
     """Absolute path of the file behind an ``sqlite:///`` address; InputError for one without."""
-    name = uri.partition(":///")[2].partition("?")[0]
+    name = unquote(uri.partition(":///")[2].partition("?")[0])
     if not name or name == ":memory:":
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected a file, such as "

@@ -7,6 +7,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
+from urllib.parse import quote
 
 import mlflow
 import pytest
@@ -14,9 +15,12 @@ from forked import Forked
 from processes import SOON
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.recipes import Recipe
+from pipeline.training.loop import Trained
 from registry.models import list_versions
 from registry.running import recorded_run
 from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened
+from registry.training import DatasetInfo, record_training
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:
@@ -53,6 +57,25 @@ def test_a_change_of_folder_is_a_change_of_store(
 
     assert second.uri != first
     assert mlflow.get_tracking_uri() == second.uri == f"sqlite:///{other / 'mlflow.db'}"
+
+
+@pytest.mark.parametrize("name", ["per%20cent", "question?mark=1"])
+def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
+    folder: Path,
+    name: str,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    here = folder.rename(folder.with_name(name))
+    monkeypatch.chdir(here)
+    made = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    assert [*here.parent.iterdir()] == [here] and connect().beside == here
+
+    monkeypatch.chdir(here.parent)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{quote(str(here / 'mlflow.db'))}")
+    assert list_versions() == [made]
 
 
 @pytest.mark.parametrize("place", ["s3://bucket", "mlflow-artifacts:/1", "file:///files"])
