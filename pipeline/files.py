@@ -94,16 +94,26 @@ def stem_of(path: Path) -> str:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """The content of a file or of standard input, cut off after so many bytes."""
+    """The content of a file or of standard input, cut off after so many bytes.
+
+    InputError where standard input is closed.
+    """
     if path == STDIO:
+        if sys.stdin is None:
+            raise InputError("stdin is closed; expected content in it: name a file instead of -.")
         return sys.stdin.buffer.read(most)
     with path.open("rb") as file:
         return file.read(most)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that appears whole, or to standard output; both are in UTF-8."""
+    """Write a text file that appears whole, or to standard output; both are in UTF-8.
+
+    InputError where standard output is closed.
+    """
     if path == STDIO:
+        if sys.stdout is None:
+            raise InputError("stdout is closed; expected it to take a document: leave it open.")
         with _named("stdout"):
             sys.stdout.flush()
             if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, for people
