@@ -3,6 +3,8 @@ import os
 import shutil
 import socket
 import sqlite3
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -76,6 +78,18 @@ def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
     monkeypatch.chdir(here.parent)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{quote(str(here / 'mlflow.db'))}")
     assert list_versions() == [made]
+
+
+def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> None:
+    code = (
+        "import pwd\ndef unknown(number):\n    raise KeyError(number)\npwd.getpwuid = unknown\n"
+        "from cli.main import app; app()"
+    )
+    command = [sys.executable, "-c", code, "models", "list"]
+    given = {key: value for key, value in os.environ.items() if key != "HOME"}
+    done = subprocess.run(command, capture_output=True, text=True, env=given)
+    said = "prolearn: there is no home folder; expected HOME to name one: set it.\n"
+    assert (done.returncode, done.stderr) == (2, said)
 
 
 @pytest.mark.parametrize("place", ["s3://bucket", "mlflow-artifacts:/1", "file:///files"])
