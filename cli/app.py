@@ -66,6 +66,9 @@ class CommandGroup(TyperGroup):
         except (ProlearnError, OSError) as error:
             _fail(ctx, error)
             raise
+        except MemoryError:
+            words = "this takes more memory than the system gives; expected more of it"
+            _stop(ctx, f"{words}, or less to do.", FAILED)
         except KeyboardInterrupt as stop:
             word, status = (
                 ("terminated", TERMINATED)
