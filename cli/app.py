@@ -45,7 +45,11 @@ class CommandGroup(TyperGroup):
         """Remember what was typed: it may hold URLs, whose secrets no message shows."""
         escape_unencodable()
         ctx.meta[TYPED] = [re.sub("^--[a-z-]+=", "", word) for word in args]
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)
+        except OSError as error:  # of --help and --version, which are printed here
+            _fail(ctx, error)
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
@@ -56,9 +60,11 @@ class CommandGroup(TyperGroup):
             error.message = visible(error.message)
             raise
         except (ProlearnError, OSError) as error:
-            if getattr(error, "errno", None) == EPIPE:  # our reader has left; click is silent then
-                raise
-            _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
+            _fail(ctx, error)
+            raise
+        except MemoryError:
+            words = "this takes more memory than the system gives; expected more of it"
+            _stop(ctx, f"{words}, or less to do.", FAILED)
         except KeyboardInterrupt as stop:
             word, status = "interrupted", INTERRUPTED
             if isinstance(stop, Terminated):
@@ -115,6 +121,12 @@ def _in_words(error: Exception) -> str:
         f"{unfinished(path) or path} cannot be read or written ({error.strerror}); expected one "
         "that can: name another, or look at its rights and the room on its disk."
     )
+
+
+def _fail(ctx: Any, error: Exception) -> None:
+    """End the command with a sentence, unless our reader has left: click is silent then."""
+    if getattr(error, "errno", None) != EPIPE:
+        _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:

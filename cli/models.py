@@ -202,6 +202,8 @@ def export(
         prolearn models export ff1 lstm2 --out onboard/
         prolearn models export packaged --out refiner/
     """
+    import onnx  # noqa: F401  (first: its extra has all else that is needed here)
+
     from cli.jobs.export import PACKAGED
     from cli.jobs.export import export as run
     from registry.models import resolve

@@ -128,5 +128,6 @@ def _bar(console: Console) -> Progress:
         TimeRemainingColumn(table_column=whole),
         NoteColumn(),
         console=console,
-        redirect_stdout=sys.stdout.isatty(),  # what goes to a file or a pipe must go there
+        # What goes to a file or a pipe must go there.
+        redirect_stdout=bool(sys.stdout and sys.stdout.isatty()),
     )

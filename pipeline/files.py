@@ -60,7 +60,8 @@ def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
     A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
-    Of a symbolic link the file that it names is replaced. InputError where it is a folder, a pipe
+    A file that is replaced keeps its mode, and a new one has what umask leaves of 0666. Of a
+    symbolic link the file that it names is replaced. InputError where it is a folder, a pipe
     or a device, or what should be its folder is a file.
     """
     refuse_special(path)
@@ -73,11 +74,14 @@ def published(path: Path) -> Iterator[Path]:
         raise InputError(f"{path} is a folder; expected the name of a file.")
     # Named here and made in the block: a file made before it would outlive an interrupt between.
     temporary = path.parent / f".{path.name}.{uuid4().hex}.tmp"
+    mode = path.stat().st_mode & 0o777 if path.exists() else None
     try:
         with _named(path):
+            temporary.touch(0o666 if mode is None else mode | 0o600)  # less what umask takes away
             yield temporary
-            temporary.chmod(0o644)
             _flush(temporary)
+            if mode is not None:
+                temporary.chmod(mode)
         temporary.replace(path)
         _flush(path.parent)
     finally:
@@ -90,16 +94,26 @@ def stem_of(path: Path) -> str:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """The content of a file or of standard input, cut off after so many bytes."""
+    """The content of a file or of standard input, cut off after so many bytes.
+
+    InputError where standard input is closed.
+    """
     if path == STDIO:
+        if sys.stdin is None:
+            raise InputError("stdin is closed; expected content in it: name a file instead of -.")
         return sys.stdin.buffer.read(most)
     with path.open("rb") as file:
         return file.read(most)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that appears whole, or to standard output; both are in UTF-8."""
+    """Write a text file that appears whole, or to standard output; both are in UTF-8.
+
+    InputError where standard output is closed.
+    """
     if path == STDIO:
+        if sys.stdout is None:
+            raise InputError("stdout is closed; expected it to take a document: leave it open.")
         with _named("stdout"):
             sys.stdout.flush()
             if isinstance(sys.stdout, TextIOWrapper):  # in the locale's encoding, for people

@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Callable
-from urllib.parse import unquote
+from pathlib import Path
+from urllib.parse import quote, unquote
 
 # Unicode's Default_Ignorable_Code_Point as far as ``str.isprintable`` lets it pass, and the blank
 # of braille
@@ -50,6 +51,16 @@ def public_url(url: object) -> str:
     """A URL without its secrets, or its scheme alone where they are unclear; a path as it is."""
     scheme, _, shown, _ = _parts(str(url))
     return scheme + shown
+
+
+def sqlite_url(path: Path) -> str:
+    """The address of an SQLite file, in which SQLAlchemy decodes ``%`` and a ``?`` ends the name.
+
+    Where that changes a name, slashes are encoded with it: MLflow makes the folder that an address
+    names as it stands.
+    """
+    name = str(path)
+    return f"sqlite:///{quote(name, safe='') if {'%', '?'} & {*name} else name}"
 
 
 def _parts(url: str) -> tuple[str, str, str, str]:

@@ -30,7 +30,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
-from pipeline.text import public, public_url
+from pipeline.text import public, public_url, sqlite_url
 from registry.entities import pages
 
 DEFAULT_URI = "sqlite:///mlflow.db"
@@ -184,7 +184,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
         path, (_, mark, query) = database_path(uri), uri.partition("?")
         locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
         with guarded(path, create=create):
-            return _open(f"sqlite:///{path}{mark}{query}", locations, path if create else None)
+            return _open(f"{sqlite_url(path)}{mark}{query}", locations, path if create else None)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected sqlite:///FILE or the "
@@ -266,7 +266,7 @@ def _check_reachable(uri: str) -> None:
 
 def database_path(uri: str) -> Path:
     """Absolute path of the file behind an ``sqlite:///`` address; InputError for one without."""
-    name = uri.partition(":///")[2].partition("?")[0]
+    name = unquote(uri.partition(":///")[2].partition("?")[0])
     if not name or name == ":memory:":
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected a file, such as "

@@ -168,19 +168,25 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> models.Mode
 
 
 def _keep(folder: Path, record: TrainingRecord) -> Path:
-    """Copy a saved network to ``unregistered/<arch>-<time>`` with the record of its training."""
+    """Copy a saved network, whole, to ``unregistered/<arch>-<time>`` with its training's record."""
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
     kept = Path("unregistered").absolute() / f"{record.params['arch']}-{stamp}"
     params = {key: entities.without_secrets(value) for key, value in record.params.items()}
+    part = kept.with_name(f".{kept.name}.tmp")
     try:
-        shutil.copytree(folder, kept)
+        part.mkdir(parents=True)
+        for path in folder.iterdir():
+            shutil.copyfile(path, part / path.name)
         content = {**vars(record), "params": params}
-        write_text(kept / RECORD, json.dumps(content, indent=1, default=str) + "\n")
+        write_text(part / RECORD, json.dumps(content, indent=1, default=str) + "\n")
+        part.rename(kept)
     except OSError as error:
         raise ProlearnError(
-            f"The trained network can neither be registered nor be kept in {kept} ({error}); "
-            "expected a writable disk with space on it."
+            f"The trained network can neither be registered nor be kept in {kept} "
+            f"({error.strerror or error}); expected a writable disk with space on it."
         ) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
     return kept
 
 

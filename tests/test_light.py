@@ -130,6 +130,7 @@ def test_it_flies_shows_and_converts(prolearn, tmp_path):
         (("sample", "--n", "3", "--count", "2", "--out", "d"), "learn"),
         (("train", "--arch", "ff1"), "learn"),
         (("models", "list"), "learn"),
+        (("models", "export", "packaged"), "onnx"),
         (("report",), "learn"),
     ],
 )

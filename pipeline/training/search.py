@@ -13,6 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from pipeline.errors import InputError, ProlearnError, told_which_extra
 from pipeline.files import make_folder
 from pipeline.networks.encoding import INTERIORS
+from pipeline.text import sqlite_url
 
 if TYPE_CHECKING:
     from optuna import Study, Trial
@@ -56,7 +57,7 @@ def open_study(path: Path, name: str) -> Iterator["Study"]:
         with FileLock(f"{path}.lock"), warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             storage = optuna.storages.RDBStorage(
-                f"sqlite:///{path}",
+                sqlite_url(path),
                 heartbeat_interval=HEARTBEAT_SECONDS,
                 grace_period=GRACE_SECONDS,
             )

@@ -51,3 +51,11 @@ def test_a_plan_that_is_too_large_to_look_at_is_refused_in_a_sentence(command, t
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 1, done.stderr
     assert "this takes more memory than" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_file_for_which_there_is_no_memory_is_refused_in_a_sentence(tmp_path):
+    (tmp_path / "s.json").write_bytes(b" " * 100 * 2**20)
+    program = COMMAND.format(arguments=["plan", str(tmp_path / "s.json"), "--out", "p.json"])
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert "this takes more memory than the system gives" in done.stderr

@@ -66,6 +66,42 @@ def test_a_full_disk_behind_stdout_is_named(prolearn, tmp_path, options):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("--version",), ("plan", "--help")])
+def test_a_full_disk_behind_help_is_named(tmp_path, arguments):
+    command = [sys.executable, "-c", "from cli.main import app; app()", *arguments]
+    with FULL.open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert "stdout cannot be read or written (No space left on device)" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("stream", "arguments"),
+    [
+        ("stdout", ("plan", "s.json", "--out", "-")),
+        ("stdout", ("plan", "s.json", "--out", "p.json", "--json")),
+        ("stdout", ("convert", "p.json", "--to", "csv", "--out", "-")),
+        ("stdout", ("scenario", "check", "s.json", "--json")),
+        ("stdout", ("scenario", "new", "-")),
+        ("stdin", ("plan", "-", "--out", "p.json")),
+        ("stdin", ("scenario", "check", "-")),
+    ],
+)
+def test_a_stream_that_is_closed_is_named(stream, arguments, prolearn, forked, tmp_path):
+    prolearn("scenario", "new", "s.json", "--n", "2")
+    if arguments[0] == "convert":
+        prolearn("plan", "s.json", "--out", "p.json")
+    code = (
+        "import sys\nfrom cli.main import app\n"
+        f"kept, sys.{stream} = sys.{stream}, None\n"  # what Python makes of a closed one
+        f"try:\n    app()\nfinally:\n    sys.{stream} = kept\n"
+    )
+    done = forked.run(arguments, tmp_path, code=code)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert f"{stream} is closed; expected" in done.stderr
+
+
 def test_where_stdout_is_not_in_utf_8_people_read_on_and_documents_are_as_in_files(
     forked, prolearn, tmp_path
 ):

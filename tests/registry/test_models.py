@@ -8,10 +8,12 @@ from typing import Any
 import mlflow
 import numpy as np
 import pytest
+from rights import room_until_told
 
 from cli.jobs.networks import networks
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.trainings import training_table
+from pipeline.files import write_text
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import ModelVersion, list_versions, load, newest_trainings, resolve
@@ -308,6 +310,25 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
     (kept,) = (folder / "unregistered").iterdir()
     assert kept.name.startswith("ff1-")
     assert (kept / "weights.safetensors").stat().st_size > 150_000
+
+
+def test_a_network_for_which_the_disk_has_no_room_is_not_kept_in_part(
+    project: Project, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect()
+    (folder / "mlruns").write_text("a file where a folder is needed")
+    with room_until_told() as fill:
+
+        def write(path: Path, text: str) -> None:
+            fill()
+            write_text(path, text)
+
+        monkeypatch.setattr("registry.training.write_text", write)
+        with pytest.raises(
+            ProlearnError, match=r"be kept in .*/unregistered/\S+ \(File too large\);"
+        ):
+            project.train(1.0)
+    assert [*(folder / "unregistered").iterdir()] == []
 
 
 def named(data: Path, *references: str) -> list[tuple[str, int]]:

@@ -3,10 +3,13 @@ import os
 import shutil
 import socket
 import sqlite3
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
+from urllib.parse import quote
 
 import mlflow
 import pytest
@@ -14,8 +17,11 @@ from forked import Forked
 from processes import SOON
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.networks.recipes import Recipe
+from pipeline.training.loop import Trained
 from registry.models import list_versions
 from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened, recorded_run
+from registry.training import DatasetInfo, record_training
 
 
 def test_the_default_store_is_mlflow_db_in_the_current_folder(folder: Path) -> None:
@@ -52,6 +58,37 @@ def test_a_change_of_folder_is_a_change_of_store(
 
     assert second.uri != first
     assert mlflow.get_tracking_uri() == second.uri == f"sqlite:///{other / 'mlflow.db'}"
+
+
+@pytest.mark.parametrize("name", ["per%20cent", "question?mark=1"])
+def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
+    folder: Path,
+    name: str,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    here = folder.rename(folder.with_name(name))
+    monkeypatch.chdir(here)
+    made = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    assert [*here.parent.iterdir()] == [here] and connect().beside == here
+
+    monkeypatch.chdir(here.parent)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{quote(str(here / 'mlflow.db'))}")
+    assert list_versions() == [made]
+
+
+def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> None:
+    code = (
+        "import pwd\ndef unknown(number):\n    raise KeyError(number)\npwd.getpwuid = unknown\n"
+        "from cli.main import app; app()"
+    )
+    command = [sys.executable, "-c", code, "models", "list"]
+    given = {key: value for key, value in os.environ.items() if key != "HOME"}
+    done = subprocess.run(command, capture_output=True, text=True, env=given)
+    said = "prolearn: there is no home folder; expected HOME to name one: set it.\n"
+    assert (done.returncode, done.stderr) == (2, said)
 
 
 @pytest.mark.parametrize("place", ["s3://bucket", "mlflow-artifacts:/1", "file:///files"])

@@ -122,6 +122,12 @@ def test_a_storage_of_something_else_gives_a_sentence(folder: Path, solved: Path
         search(solved, 1, storage=Path("notes.db"))
 
 
+def test_a_storage_may_have_any_name(tmp_path: Path) -> None:
+    path = tmp_path / "tried?" / "a%20b.db"
+    with open_study(path, "any"):
+        assert {one.name for one in path.parent.iterdir()} == {"a%20b.db", "a%20b.db.lock"}
+
+
 @pytest.mark.parametrize(
     ("storage", "words"),
     [

@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import Any, no_type_check
 
 import numpy as np
-from numba import njit
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.refiner.arrays import constant, rows, where
+from pipeline.networks.refiner.compiled import njit
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import Any, no_type_check
 
 import numpy as np
-from numba import njit
 
 from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, rows
+from pipeline.networks.refiner.compiled import njit
 from pipeline.networks.refiner.geometry import Grid
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows

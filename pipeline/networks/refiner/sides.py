@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Any, no_type_check
 
 import numpy as np
-from numba import njit
 
 from pipeline.arrays import Array, Float, Int, namespace, plain
 from pipeline.networks.refiner.arrays import self_adjoint
+from pipeline.networks.refiner.compiled import njit
 
 
 @dataclass(frozen=True, eq=False)

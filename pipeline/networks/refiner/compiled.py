@@ -1,0 +1,46 @@
+"""Functions that numba compiles, kept for the next process wherever there is a place for them."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config
+
+
+def _kept() -> bool:
+    """Whether numba finds a place for compiled code, if need be a temporary folder of this user's.
+
+    Beside the package and in the home none may be written to, as in a container.
+    """
+    for _ in range(2):
+        with suppress(RuntimeError):
+            # There may be no home, which Path says; numba would make a folder ~ in the current one.
+            if config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home():
+                numba.njit(cache=True)(lambda: None)
+                return True
+        with suppress(OSError):
+            config.CACHE_DIR = _own_folder()
+    return False
+
+
+def _own_folder() -> str:
+    """A temporary folder that this user alone may write to, since what is in it is run."""
+    folder = Path(tempfile.gettempdir(), f"prolearn-numba-{os.getuid()}")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise PermissionError(f"{folder} is another's")
+    return str(folder)
+
+
+KEPT = _kept()
+
+
+def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """``numba.njit``, without its cache where there is no place for that."""
+    decorator: Callable[[Callable[..., Any]], Any] = numba.njit(cache=cache and KEPT, **options)
+    return decorator
