@@ -21,7 +21,7 @@ from pipeline.provenance import made_with
 from pipeline.storage.folder import Where
 from pipeline.training.loop import POSITION_RMSE
 from registry import models
-from registry.entities import recorded
+from registry.entities import recorded, whole_number
 from registry.environment import TRAINED_BY, changed_since
 from registry.models import ModelVersion
 from registry.store import connect
@@ -44,10 +44,9 @@ def trained_before(
     """The newest version trained by this code with the same recipe, seed and data, if any.
 
     It counts only if its data streamed, or did not, as they would now, and for a device that the
-    settings name only if it was trained there. Where its training
-    was killed before it was compared with the champion, it is now, and the outcome is returned.
-    Progress is told of a version trained by other versions of the code. InputError for unknown
-    names.
+    settings name only if it was trained there. Where its training was killed before it was
+    compared with the champion, it is now, and the outcome is returned. Progress is told of a
+    version trained by other versions of the code. InputError for unknown names.
     """
     recipe, manifest = training.followed_recipe(arch, seed, settings), read_manifest(settings.data)
     wanted = {
@@ -85,7 +84,8 @@ def trained_before(
 
 def _mixed(version: ModelVersion, recipe: Recipe, buffer: int) -> str:
     """The parameter ``mixed`` of a version, if its data were read again with such a buffer."""
-    of_dataset = int(version.params["train_instances"]) - recipe.crowded
+    instances = whole_number(version.params.get("train_instances", "")) or 0
+    of_dataset = instances - recipe.crowded
     return ALL if recipe.draws or of_dataset <= buffer else str(buffer)
 
 
