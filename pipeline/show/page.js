@@ -129,7 +129,8 @@ function spaceLayout() {
   });
   const extent = data.box.map(([low, high]) => high - low), away = narrow.matches ? 1.35 : 0.92;
   // A metre is as long on each; of a box that is nearly a cube less, so that its axes are in view.
-  const ratio = extent.map((length) => length / Math.max(Math.max(...extent), Math.hypot(...extent) / 1.3));
+  const longest = Math.max(...extent), cubic = Math.min(...extent) / longest;
+  const ratio = extent.map((length) => length / longest / (0.9 + 0.5 * cubic));
   return layout({
     margin: { l: 0, r: 0, t: 0, b: 0 },
     scene: {
