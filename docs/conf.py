@@ -42,13 +42,13 @@ copybutton_prompt_text = "$ "
 
 
 def inline(translator: Any, node: nodes.math) -> None:
-    """A formula within a line, as MathML, which browsers draw without network and script."""
+    """Inline formula as MathML, which browsers draw without a network or scripts."""
     translator.body.append(convert(node.astext()))
     raise nodes.SkipNode
 
 
 def block(translator: Any, node: nodes.math_block) -> None:
-    """A formula of its own, with its number where it has one."""
+    """Displayed formula as MathML, with its equation number if it has one."""
     translator.body.append(translator.starttag(node, "div", CLASS="math"))
     if node["number"]:
         number = get_node_equation_number(translator, node)

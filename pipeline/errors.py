@@ -22,12 +22,18 @@ def is_number(value: object) -> bool:
 
 
 def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
-    """Raise InputError unless a value is a number within a range; ``name`` is the quantity."""
+    """Refuse a number out of range, or what is none, by an InputError that names the quantity."""
     if not is_number(value):
         raise InputError(f"{name} is {brief(value)}; expected a number from {least} to {most}.")
     if not least <= value <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
+
+
+def check_finite(name: str, value: float, unit: str) -> None:
+    """Refuse what is no finite number by an InputError that names the quantity and its unit."""
+    if not (is_number(value) and isfinite(value)):
+        raise InputError(f"{name} is {value!r}; expected a finite number of {unit}.")
 
 
 def is_whole(value: object) -> bool:
@@ -36,7 +42,7 @@ def is_whole(value: object) -> bool:
 
 
 def check_whole(name: str, value: int, least: int, most: int) -> None:
-    """Raise InputError unless a value is an integer within a range; ``name`` is the quantity."""
+    """Refuse an integer out of range, or what is none, by an InputError that names the quantity."""
     if not is_whole(value):
         low, high = map(_short, (least, most))
         raise InputError(f"{name} is {brief(value)}; expected a whole number from {low} to {high}.")
@@ -44,7 +50,7 @@ def check_whole(name: str, value: int, least: int, most: int) -> None:
 
 
 def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
-    """Refuse what is no vector of so many finite numbers by an InputError."""
+    """Refuse what is no vector of finite numbers of some size by an InputError."""
     fine = isinstance(given, tuple | list) and len(given) == size
     if not fine or not all(is_number(one) and isfinite(one) for one in given):
         raise InputError(f"{name} is {given}; expected {size} finite numbers.")
@@ -58,7 +64,7 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
 
 
 def check_kind(name: str, value: object, kind: Any) -> None:
-    """Raise InputError unless a value is an instance of a class or union of classes."""
+    """Refuse what is no instance of a class, or of a union of classes, by an InputError."""
     if not isinstance(value, kind):
         wanted = " or ".join(one.__name__ for one in getattr(kind, "__args__", (kind,)))
         raise InputError(
@@ -67,7 +73,7 @@ def check_kind(name: str, value: object, kind: Any) -> None:
 
 
 def check_each(name: str, values: object, kind: type) -> None:
-    """Raise InputError unless values are a list or tuple of instances of a class."""
+    """Refuse what is no list or tuple of instances of a class by an InputError."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
         raise InputError(f"{name} is {brief(values)}; expected a list of {kind.__name__}.")
 

@@ -2,18 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
 from pipeline.arrays import Array
-from pipeline.errors import InputError
 from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import Reference, is_epoch
+from pipeline.orbit.reference import Reference, utc_epoch
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
@@ -159,14 +158,13 @@ def scenario_from_files(
         InputError: naming the file, and what is wrong with it.
     """
     grid = Problem(Problem.mean_motion, time_step, nodes, collision_radius, max_acceleration)
-    if epoch is not None and not is_epoch(epoch):
-        raise InputError(f"epoch is {epoch}; expected a datetime with its time zone, such as UTC.")
+    at = None if epoch is None else utc_epoch(epoch)
     made = scenario_from_inertial(
         read_inertial(Path(initial)),
         read_inertial(Path(goal)),
         grid,
         chief=None if chief is None else read_inertial(Path(chief)),
-        epoch=None if epoch is None else epoch.astimezone(UTC),
+        epoch=at,
         j2=j2,
         ballistic=ballistic,
         spread=spread,

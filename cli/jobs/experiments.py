@@ -50,7 +50,7 @@ FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 
 WEIGHTS_DIGITS = 16
-"""Hexadecimal digits of a model's digest in a run's parameters: MLflow takes 6000 characters."""
+"""Hexadecimal digits kept of each weight digest: MLflow limits a parameter to 6000 characters."""
 
 SHORTEST = 4
 """Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""

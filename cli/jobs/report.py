@@ -124,7 +124,7 @@ def _model_names(run: Run) -> list[str]:
 
 
 def _weights(run: Run) -> dict[str, str]:
-    """Shortened weight digest of each model by URI; empty for a run of an earlier version."""
+    """The first digits of each model's weight digest by URI; none in runs of earlier versions."""
     digests = filter(None, run.params.get("weights", "").split(","))
     return dict(zip(_model_names(run), digests, strict=False))
 
@@ -136,7 +136,7 @@ def _alike(first: Run, other: Run) -> bool:
 
 
 def _models_of(run: Run) -> list[ModelVersion]:
-    """The run's own models that are still registered."""
+    """Registered versions of the models that a run evaluated, with the weights that they had."""
     wanted, known = _model_names(run), _weights(run)
     versions = [version for version in list_versions() if version.uri in wanted]
     return [v for v in versions if not v.weights or v.weights.startswith(known.get(v.uri, ""))]

@@ -134,7 +134,7 @@ def examples_within(
 
 
 def buffer_of(memory: float, n: int, problem: Problem) -> int:
-    """Instances of n craft that may be held at once, by bytes of memory."""
+    """Size of the shuffle buffer, in instances of n craft, for a limit of memory in bytes."""
     return max(1, int(memory / (COPIES * bytes_of_one(n, problem))))
 
 

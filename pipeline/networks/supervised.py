@@ -62,7 +62,7 @@ class Supervised(ABC):
 
     @property
     def unused(self) -> frozenset[str]:
-        """Scenarios without plans, and the weight of the collision penalty where there is none."""
+        """Recipe fields without effect: ``crowded``, and for most ``collision_weight``."""
         return frozenset({"crowded"} if self.collision else {"crowded", "collision_weight"})
 
     @abstractmethod

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, fields_as_python
-from pipeline.errors import InputError, check_kind, check_vector, is_number, is_whole
+from pipeline.errors import InputError, check_finite, check_kind, check_vector, is_whole
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
 from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
@@ -137,8 +137,7 @@ class Corridor:
         fields_as_python(self)
         check_kind("inside of a corridor", self.inside, Box | Cone)
         for name in ("begin", "end"):
-            if not is_number(value := getattr(self, name)):
-                raise InputError(f"{name} of a corridor is {value!r}; expected a number, s.")
+            check_finite(f"{name} of a corridor", getattr(self, name), "seconds")
         if not isinstance(self.craft, tuple) or not all(map(is_whole, self.craft)):
             raise InputError(f"craft of a corridor is {self.craft!r}; expected craft's numbers.")
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import isfinite, pi, radians, sqrt
+from math import pi, radians, sqrt
 
-from pipeline.errors import InputError, check_range, is_number
+from pipeline.errors import InputError, check_finite, check_range, is_number
 
 MU_EARTH = 398600.4418e9  # gravitational parameter of the Earth, m³/s²
 R_EARTH = 6378137.0  # equatorial radius of the Earth, m
@@ -30,18 +30,11 @@ class Reference:
 
     def __post_init__(self) -> None:
         """Refuse an epoch without a time zone, and angles that are not finite numbers."""
-        epoch = self.epoch
-        if not is_epoch(epoch):
-            raise InputError(
-                f"epoch is {epoch}; expected a datetime with its zone, between {YEARS[0]} and "
-                f"{YEARS[1]}: give UTC."
-            )
-        object.__setattr__(self, "epoch", epoch.astimezone(UTC))
+        object.__setattr__(self, "epoch", utc_epoch(self.epoch))
         check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
         for name in ("inclination_deg", "raan_deg", "argument_of_latitude_deg"):
             angle = getattr(self, name)
-            if not (is_number(angle) and isfinite(angle)):
-                raise InputError(f"{name} is {angle!r}; expected a finite number of degrees.")
+            check_finite(name, angle, "degrees")
             object.__setattr__(self, name, float(angle))
 
 
@@ -50,6 +43,16 @@ def is_epoch(given: object) -> bool:
     if not isinstance(given, datetime) or given.utcoffset() is None:
         return False
     return YEARS[0] < given.year < YEARS[1]
+
+
+def utc_epoch(given: datetime) -> datetime:
+    """An epoch in UTC; InputError without a time zone, or in a year that is not accepted."""
+    if not is_epoch(given):
+        raise InputError(
+            f"epoch is {given}; expected a datetime with its zone, between {YEARS[0]} and "
+            f"{YEARS[1]}: give UTC."
+        )
+    return given.astimezone(UTC)
 
 
 def mean_motion_at(altitude: float) -> float:

@@ -42,7 +42,7 @@ PROVENANCE = [
 ]
 NAMES = r"questions|provenance|summary|beyond|training|experiment\d(-[\w.-]+)?|transfer-\d+"
 WRITTEN = re.compile(rf"tables/({NAMES})\.csv|figures/({NAMES})\.(svg|png)")
-"""Files beside the page that a report may have."""
+"""Paths of the tables and figures that a report writes, relative to its folder."""
 
 DIGITS = 12  # digits of ids and digests that the page shows; the CSV file has them in full
 
@@ -105,7 +105,7 @@ class ReportFiles:
 
 
 def build_report(results: Results, out: Path) -> ReportFiles:
-    """Write a report: report.md, report.html, tables/ and figures/; same results, same bytes.
+    """Write a report: report.md, report.html, tables/ and figures/, determined by the results.
 
     Tables and figures of an earlier report in the folder that this one has not are removed.
     """

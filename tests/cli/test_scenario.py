@@ -104,7 +104,7 @@ def test_all_that_is_wrong_is_said_on_80_columns_with_status_1(prolearn, tmp_pat
 
 
 def test_the_columns_of_all_rows_line_up(prolearn, tmp_path):
-    """Also where a rule's name is longer than the usual ones."""
+    """The longest rule name, that of waypoints, sets the width of the column."""
     prolearn("scenario", "new", "s.json", "--n", "2")
     document = json.loads((tmp_path / "s.json").read_text())
     places = [[9, 300, 40], [9, -300, 40]]

@@ -53,7 +53,7 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.Waypoint(1.5, (0, 0, 0)), "craft of a waypoint is 1.5; expected a"),
         (lambda: prolearn.Obstacle("o", 5, 3), "state of obstacle 'o' is 5; expected 6 finite"),
         (lambda: prolearn.Corridor((0, 1), 0, 60), "inside of a corridor is .*expected Box"),
-        (lambda: prolearn.Corridor(BOX, "0", 60), "begin of a corridor is '0'; expected a number"),
+        (lambda: prolearn.Corridor(BOX, "0", 60), "begin of a corridor is '0'; expected a finite"),
         (lambda: prolearn.Corridor(BOX, 0, 60, 2), "craft of a corridor is 2; expected craft's"),
         (lambda: replace(swap(), problem=1), "problem is 1; expected Problem"),
         (lambda: replace(swap(), ends="free"), "ends is 'free'; expected passive or any"),

@@ -1,4 +1,4 @@
-"""Functions that numba compiles, kept for the next process wherever there is a place for them."""
+"""Numba's just-in-time compilation, with its cache on disk where some folder can be written."""
 
 import os
 import tempfile
@@ -12,7 +12,7 @@ from numba.core import config
 
 
 def _kept() -> bool:
-    """Whether numba finds a place for compiled code, if need be a temporary folder of this user's.
+    """Whether numba has a cache folder that can be written, if need be a temporary one.
 
     Beside the package and in the home none may be written to, as in a container.
     """
