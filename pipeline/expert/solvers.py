@@ -81,10 +81,18 @@ def _highs() -> highspy.Highs:
     return _thread.solver
 
 
+class _SilentHighs(highspy.Highs):  # type: ignore[misc]  # has no types
+    """HiGHS without any output; from version 1.16 on it prints a header as it is made."""
+
+    def enableCallbacks(self) -> None:  # noqa: N802
+        self.silent()
+        super().enableCallbacks()
+
+
 def new_highs(**options: Any) -> highspy.Highs:
     """A silent solver with some options, on one thread, as instances run side by side."""
-    solver = highspy.Highs()
-    for name, value in {"output_flag": False, "threads": 1, **options}.items():
+    solver = _SilentHighs()
+    for name, value in {"threads": 1, **options}.items():
         solver.setOptionValue(name, value)
     return solver
 

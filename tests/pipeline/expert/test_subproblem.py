@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import readable
-from highspy import HighsModelStatus
+from highspy import Highs, HighsModelStatus
 from scipy.optimize import linprog
 
 from pipeline.expert.conflicts import ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
-from pipeline.expert.solvers import ROWWISE, _highs, by_simplex, run
+from pipeline.expert.solvers import ROWWISE, _highs, by_simplex, new_highs, run
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.approaches import side_by_side
 from pipeline.orbit.problem import Problem
@@ -193,3 +193,15 @@ def test_a_signal_ends_a_long_program_and_the_next_is_solved():
     run(solver, long=True)
     assert solver.getModelStatus() == HighsModelStatus.kOptimal
     assert solver.getSolution().col_value == [0.5]
+
+
+def test_the_solver_is_silent_before_it_can_print_its_header(monkeypatch):
+    # Which HiGHS 1.16 does on standard output, where a plan may be, when callbacks are enabled.
+    silent = []
+    monkeypatch.setattr(
+        Highs,
+        "enableCallbacks",
+        lambda self: silent.append(not self.getOptionValue("output_flag")[1]),
+    )
+    new_highs()
+    assert silent == [True]
