@@ -19,6 +19,7 @@ LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying w
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 BURN = 1e-5  # share of a craft's largest control under which one is rounding, of a cone program
 NOISE = 1e-3  # share of the largest control of all craft that a craft's largest counts as, at least
+NO_EFFECT = 1e-14  # share of controls' largest effect along any direction that is rounding of none
 MET = 1e-9  # change of a final state that counts as none, m; velocities over e
 
 
@@ -100,8 +101,9 @@ def impossible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> 
     asked, columns = at.asked[0], limits.burns[0].ravel()
     scale, miss, reach = at.scale[asked], at.miss[0, asked], at.reach[asked][:, columns]
     directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
-    changes = np.abs(directions @ miss)
-    furthest = RANGES["max_acceleration"][1] * np.abs(directions @ reach).sum(axis=1)
+    changes, effects = np.abs(directions @ miss), np.abs(directions @ reach)
+    effects[effects < NO_EFFECT * effects.max(initial=0.0)] = 0.0
+    furthest = RANGES["max_acceleration"][1] * effects.sum(axis=1)
     return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
 
 

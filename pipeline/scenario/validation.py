@@ -20,7 +20,7 @@ from pipeline.orbit.separation import least_separations
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import Scenario
-from pipeline.scenario.thrust_needs import most_strained, needs_of, shortfalls
+from pipeline.scenario.thrust_needs import MARGIN, most_strained, needs_of, shortfalls
 from pipeline.scenario.waypoint import closest_pair
 
 FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
@@ -337,10 +337,10 @@ def _out_of_reach(k: int, least: float, limit: float) -> Case:
     if not np.isfinite(least):
         return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
     unit = 10.0 ** (floor(log10(least)) - 3)
-    enough = ceil(least / unit * (1 + 1e-6)) * unit
+    enough = ceil(least / unit * (1 + MARGIN)) * unit
     times = f"{least / limit:.4g} times max_acceleration"
     text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
-    return Case((k,), text, {"least_limit": least})
+    return Case((k,), text, {"least_limit": least * (1 + MARGIN)})
 
 
 def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:

@@ -21,7 +21,7 @@ from pipeline.plan.document import plan_document, read_plan, write_plan
 from pipeline.plan.recheck import recheck
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
-from pipeline.scenario import diagnostics, draw
+from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.document import document_of, read_scenario, scenario_from
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import MOST_CHOICES, Waypoint, choices_of
@@ -107,6 +107,18 @@ def test_a_time_left_open_is_the_one_that_costs_these_thrusters_least(thrust, pa
     ends = {end: getattr(SWARM, end)[[craft]] for end in ("initial", "goal")}
     least = min(least_fuel(craft, {k: place}, thrust) for k in range(1, PROBLEM.intervals))
     assert solve(replace(alone, **ends)).certificate.fuel == pytest.approx(least, rel=1e-5)
+
+
+def test_by_an_open_time_fuel_and_bound_of_a_slow_transfer_scale_with_its_size():
+    found = []
+    for size in (1.0, 0.01):
+        state = size * np.array([[0.0, 100.0, 0, 0, 0, 0]])
+        way = Waypoint(0, (20.0 * size, 0.0, 10.0 * size), (0.0, 1e-3 * size, 0.0))
+        problem = Problem(mean_motion=7.3e-5, time_step=3600.0, nodes=13, collision_radius=size)
+        one = solve(Scenario(problem, -state, state, waypoints=(way,))).certificate
+        found.append([one.fuel / size, one.fuel_lower_bound / size])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+    assert found[1][1] == pytest.approx(found[1][0], rel=1e-6)
 
 
 def test_a_velocity_is_met_as_well():
