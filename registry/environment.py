@@ -4,12 +4,12 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.documents import parsed
-from pipeline.networks.recipes import distribution_of
+from pipeline.networks.recipes import distribution_of, entry_point
 from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
@@ -35,6 +35,18 @@ EVALUATED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""
+
+
+def with_architectures(decided_by: DecidedBy, names: Iterable[str]) -> DecidedBy:
+    """What decides a result of networks: of architectures that others bring, their code as well."""
+    parts, packages = decided_by
+    brought = {name: distribution_of(name) for name in sorted({*names})}
+    others = (
+        f"{distribution}:{entry_point(name).module.partition('.')[0]}"
+        for name, distribution in brought.items()
+        if distribution not in (None, LOADING[0])
+    )
+    return parts, (*packages, *dict.fromkeys(others))
 
 
 def environment_tags(decided_by: DecidedBy) -> dict[str, str]:
