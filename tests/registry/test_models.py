@@ -219,6 +219,20 @@ def test_mlflow_alone_loads_a_model_and_predicts_for_any_n(
     np.testing.assert_array_equal(states, project.trained.model.predict(initial, goal))
 
 
+@pytest.mark.parametrize(("name", "value"), [("initial", np.nan), ("goal", np.inf)])
+def test_states_that_are_not_finite_are_refused_by_mlflow_s_model_and_by_ours(
+    project: Project, name: str, value: float
+) -> None:
+    version = project.train(1.0)
+    states = dict(zip(("initial", "goal"), swarm(3), strict=True))
+    states[name][1, 2, 5] = value
+    said = f"^{name} has values that are not finite; expected states in m and m/s.$"
+    with pytest.raises(InputError, match=said):
+        load(version)[0].predict(**states)
+    with pytest.raises(InputError, match=said):
+        mlflow.pyfunc.load_model(version.uri).predict(states)
+
+
 def test_the_signature_and_the_input_example_go_with_the_model(project: Project) -> None:
     loaded = mlflow.pyfunc.load_model(project.train(1.0).uri)
     example = loaded.input_example
