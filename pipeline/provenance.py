@@ -28,10 +28,10 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
     ``pipeline/experiments/trials.py``.
     """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
-    return found | {name: _version(name) for name in packages}
+    return found | {name: version_of(name) for name in packages}
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
     """The version of a distribution, with a digest of its module's code where one is named."""
     name, _, module = package.partition(":")
     return version(name) + (f"+code.{module_digest(module)}" if module else "")

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.documents import parsed
-from pipeline.networks.recipes import distribution_of, entry_point
+from pipeline.networks.recipes import code_of_others, distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
@@ -40,13 +40,7 @@ EVALUATED_BY: DecidedBy = (
 def with_architectures(decided_by: DecidedBy, names: Iterable[str]) -> DecidedBy:
     """What decides a result of networks: of architectures that others bring, their code as well."""
     parts, packages = decided_by
-    brought = {name: distribution_of(name) for name in sorted({*names})}
-    others = (
-        f"{distribution}:{entry_point(name).module.partition('.')[0]}"
-        for name, distribution in brought.items()
-        if distribution not in (None, LOADING[0])
-    )
-    return parts, (*packages, *dict.fromkeys(others))
+    return parts, (*packages, *code_of_others(names))
 
 
 def environment_tags(decided_by: DecidedBy) -> dict[str, str]:
