@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cli.settings import WorkerSettings
     from pipeline.parallel.workers import Workers
 
-MOST_LISTED, GREATEST_LISTED = 10_000, 2**32
+MOST_LISTED, GREATEST_LISTED = 10_000, 2**32 - 1
 """Numbers that a list on the command line may stand for, and the largest of them."""
 
 OPTION = "option"  # in the metadata of a dataclass's field: the option that it becomes

@@ -5,12 +5,14 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError
 
-# Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on
+# Patterns of paths beside and in ``pipeline``, and distributions, that a result depends on; where
+# ``:MODULE`` follows a distribution's name, a digest of that module's code goes with its version
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
 
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef  # have docstrings
@@ -26,7 +28,20 @@ def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str,
     ``pipeline/experiments/trials.py``.
     """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
-    return found | {name: version(name) for name in packages}
+    return found | {name: version_of(name) for name in packages}
+
+
+def version_of(package: str) -> str:
+    """The version of a distribution, with a digest of its module's code where one is named."""
+    name, _, module = package.partition(":")
+    return version(name) + (f"+code.{module_digest(module)}" if module else "")
+
+
+def module_digest(name: str) -> str:
+    """Digest of what an importable module does, or a package with all its modules."""
+    found = find_spec(name)
+    places = (found.submodule_search_locations or [found.origin or ""]) if found else []
+    return "".join(code_digest((path.name,), path.parent) for path in map(Path, places))
 
 
 def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) -> str:
@@ -43,7 +58,10 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
 @cache
 def _meaning(source: bytes) -> bytes:
     """What a module does, of which several digests are made in a process."""
-    tree = ast.parse(source)
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):  # other people's packages have templates and compiled modules
+        return source
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]

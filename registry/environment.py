@@ -4,12 +4,12 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.documents import parsed
-from pipeline.networks.recipes import distribution_of
+from pipeline.networks.recipes import code_of_others, distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
@@ -35,6 +35,12 @@ EVALUATED_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""
+
+
+def with_architectures(decided_by: DecidedBy, names: Iterable[str]) -> DecidedBy:
+    """What decides a result of networks: of architectures that others bring, their code as well."""
+    parts, packages = decided_by
+    return parts, (*packages, *code_of_others(names))
 
 
 def environment_tags(decided_by: DecidedBy) -> dict[str, str]:

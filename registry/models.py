@@ -226,7 +226,9 @@ def _versions(store: Store) -> list[ModelVersion]:
         of = aliases.get(found.name, {}).items()
         found.aliases = [alias for alias, number in of if str(number) == str(found.version)]
         try:
-            versions.append(_described(found, runs.get(found.run_id)))
+            # An experiment may have been renamed, and a run deleted.
+            run = runs.get(found.run_id) or run_of_version(store, found.run_id)
+            versions.append(_described(found, run))
         except InputError as error:
             known = (store.uri, str(error))  # a command reads the versions several times
             if known not in _left_out:
@@ -268,8 +270,16 @@ def _find(store: Store, reference: str) -> ModelVersion:
             raise
         found = None
     if found is None:
+        versions, name = _versions(store), _registered(match[1])
+        alike = ", ".join(str(v.version) for v in versions if v.name == name)
+        if alike and (match[2] or "@", match[3] or CHAMPION) == ("@", CHAMPION):
+            raise InputError(
+                f"{name} has no champion; expected one, or the number of a version: make one of "
+                f"its versions ({alike}) the champion with `prolearn models promote {name} "
+                "--version V`."
+            )
         known = ", ".join(
-            f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})" for v in _versions(store)
+            f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})" for v in versions
         )
         raise InputError(
             f"There is no model {reference!r} in the registry; expected {FORMS}, of which there "
@@ -279,11 +289,16 @@ def _find(store: Store, reference: str) -> ModelVersion:
     return found
 
 
+def _registered(name: str) -> str:
+    """Name of a registered model, by that or by its architecture."""
+    return name if name.startswith(PREFIX) else PREFIX + name
+
+
 def _search(store: Store, name: str, mark: str, rest: str) -> ModelVersion | None:
     """The version of a name, sign and rest, empty for a bare name; MLflow raises if unknown."""
     if name.startswith("m-") and not mark:
         return next((v for v in _versions(store) if v.model_id == name), None)
-    name = name if name.startswith(PREFIX) else PREFIX + name
+    name = _registered(name)
     if mark == ":" or (mark, rest) == ("/", "latest"):
         alike = [v for v in _versions(store) if v.name == name]
         return next((v for v in reversed(alike) if mark == "/" or v.recipe == rest), None)

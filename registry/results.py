@@ -18,7 +18,7 @@ import pandas as pd
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.parts import FinishedParts, open_parts
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import made_with
+from pipeline.provenance import DecidedBy, made_with
 from pipeline.scratch import scratch_folder
 from pipeline.storage.folder import open_folder
 from pipeline.storage.shards import digest_of
@@ -71,6 +71,7 @@ class Done:
 def record(
     experiment: str,
     table: pd.DataFrame,
+    made_by: DecidedBy = EVALUATED_BY,
     *,
     params: Mapping[str, Any],
     files: Path | None = None,
@@ -79,12 +80,12 @@ def record(
     """Record the results of an experiment, a table with a row for each trial; the run's id.
 
     The content of the folder ``files`` becomes the run's artifacts ``files/``; the dataset is
-    folder and digest of that whose test split was used.
+    folder and digest of that whose test split was used. ``made_by`` is what decides the results.
     """
     content = {TABLE: table_bytes(table)}
     for path in files.glob("*.npz") if files else ():
         content[f"{FILES}/{path.name}"] = path.read_bytes()
-    tags = environment_tags(EVALUATED_BY)
+    tags = environment_tags(made_by)
     tags |= {DIGEST + name: digest_of(some) for name, some in content.items()}
     with opened() as store, scratch_folder() as scratch:
         (scratch / TABLE).parent.mkdir()
@@ -107,6 +108,7 @@ def earlier_run(
     params: Mapping[str, Any],
     kind: Sequence[str] = (),
     progress: Progress = SILENT,
+    made_by: DecidedBy = EVALUATED_BY,
 ) -> str | None:
     """The newest finished run of an experiment, where it had these parameters and versions.
 
@@ -117,7 +119,7 @@ def earlier_run(
     run = latest(experiment, {name: wanted[name] for name in kind})
     if run is None or run.params != wanted:
         return None
-    if change := changed_since(run.tags, EVALUATED_BY):
+    if change := changed_since(run.tags, made_by):
         progress.say(f"run {run.run_id} of {experiment} was made with {change}; it is done again.")
         return None
     try:
@@ -266,7 +268,12 @@ def _number(run: Any) -> int:
 
 @contextmanager
 def unfinished_parts(
-    experiment: str, decided_by: Mapping[str, Any], *, resume: bool, progress: Progress = SILENT
+    experiment: str,
+    decided_by: Mapping[str, Any],
+    made_by: DecidedBy,
+    *,
+    resume: bool,
+    progress: Progress = SILENT,
 ) -> Iterator[FinishedParts]:
     """Finished parts of an experiment that has not ended, removed once the block has ended well.
 
@@ -275,14 +282,14 @@ def unfinished_parts(
     """
     settings = {
         **decided_by,
-        "made_with": dict(made_with(*EVALUATED_BY)),
+        "made_with": dict(made_with(*made_by)),
         "machine": platform.node(),
     }
     text = json.dumps(settings, sort_keys=True, default=str).encode()
     name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
     place = connect().beside / UNFINISHED
     folder = open_folder(place / name)
-    with open_parts(folder, EVALUATED_BY, again=resume, progress=progress) as parts:
+    with open_parts(folder, made_by, again=resume, progress=progress) as parts:
         yield parts
     shutil.rmtree(place / name, ignore_errors=True)
     with suppress(OSError):  # where other experiments are under way

@@ -30,7 +30,12 @@ from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
 from registry import entities, models
-from registry.environment import TRAINED_BY, environment_tags, requirements
+from registry.environment import (
+    TRAINED_BY,
+    environment_tags,
+    requirements,
+    with_architectures,
+)
 from registry.pyfunc import SIGNATURE
 from registry.store import TRAINING, Store, opened, recorded_run
 
@@ -122,7 +127,8 @@ def record_training(
             count = sum(math.prod(array.get_shape()) for array in arrays)
         measured = {**(metrics or {}), "weights_kib": weights.stat().st_size / 1024}
         of = record_of(trained, recipe=recipe, seed=seed, dataset=dataset, metrics=measured)
-        params, tags = {**of.params, "parameters": count}, environment_tags(TRAINED_BY)
+        made_by = with_architectures(TRAINED_BY, [trained.model.architecture])
+        params, tags = {**of.params, "parameters": count}, environment_tags(made_by)
         record = replace(of, params=params, tags=tags)
         try:
             return _register(folder, trained.model, record)

@@ -39,6 +39,7 @@ from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from pipeline.text import public_url
+from registry.environment import EVALUATED_BY, with_architectures
 from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
@@ -90,16 +91,17 @@ class HeldOut:
             "weights": ",".join(digest[:WEIGHTS_DIGITS] for digest in weights),
             **params,
         }
-        if resume and (earlier := earlier_run(experiment, params, kind, progress)):
+        by = with_architectures(EVALUATED_BY, (one.model.architecture for one in self.networks))
+        if resume and (earlier := earlier_run(experiment, params, kind, progress, by)):
             return Done(earlier, earlier=True)
-        decided_by = {"params": params, "networks": weights}
+        decided = {"params": params, "networks": weights}
         with (
-            unfinished_parts(experiment, decided_by, resume=resume, progress=progress) as kept,
+            unfinished_parts(experiment, decided, by, resume=resume, progress=progress) as kept,
             scratch_folder() as scratch,
         ):
             table, used = make(scratch, kept), (self.settings.data, self.digest)
             # Last, since a finished run is what ``resume`` looks for.
-            return Done(record(experiment, table, params=params, files=scratch, dataset=used))
+            return Done(record(experiment, table, by, params=params, files=scratch, dataset=used))
 
 
 def held_out(

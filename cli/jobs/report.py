@@ -197,8 +197,11 @@ def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
     """Notes on parts of other versions than the evaluation, without checksums, of other models."""
     first = parts[EVALUATED].run
     for name, part in parts.items():
-        versions = versions_of(part.run.tags), versions_of(first.tags)
-        if change := version_change(*versions, "the evaluation with"):
+        was, now = versions_of(part.run.tags), versions_of(first.tags)
+        # An architecture that others bring decides nothing where it has no part.
+        absent = {name for name in was.keys() ^ now.keys() if ":" in name}
+        was, now = ({k: one[k] for k in one.keys() - absent} for one in (was, now))
+        if change := version_change(was, now, "the evaluation with"):
             yield f"{name} was made with {change}."
     if unchecked := [name for name, part in parts.items() if not part.run.has_digests]:
         yield (

@@ -22,7 +22,7 @@ from pipeline.storage.folder import Where
 from pipeline.training.loop import POSITION_RMSE
 from registry import models
 from registry.entities import recorded, whole_number
-from registry.environment import TRAINED_BY, changed_since
+from registry.environment import TRAINED_BY, changed_since, with_architectures
 from registry.models import ModelVersion
 from registry.store import connect
 from registry.training import ALL, DatasetInfo, record_training
@@ -57,11 +57,11 @@ def trained_before(
         "dataset_digest": manifest.digest(settings.n),
     }
     connect()
-    same = recorded(wanted).items()
+    same, made_by = recorded(wanted).items(), with_architectures(TRAINED_BY, [arch])
     buffer = buffer_of(settings.memory * 1e9, settings.n, manifest.problem)
     kind = "" if settings.device == "auto" else torch_device(settings.device).type
     found = [
-        (version, changed_since(version.tags, TRAINED_BY))
+        (version, changed_since(version.tags, made_by))
         for version in models.list_versions()
         if same <= version.params.items()
         and version.params.get("device", "").startswith(kind)
@@ -115,7 +115,8 @@ def train_models(
     """
     progress.expect(len(asked))
     connect()
-    one = partial(training.train_in_worker, made_with(*TRAINED_BY))
+    made_by = with_architectures(TRAINED_BY, (task.arch for task in asked))
+    one = partial(training.train_in_worker, made_by, made_with(*made_by))
     done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
     tasks = list(enumerate(asked))
     with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:

@@ -17,12 +17,12 @@ from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import check_worker
 from pipeline.planners.network import NetworkPlanner
 from pipeline.progress import SILENT, Progress
+from pipeline.provenance import DecidedBy
 from pipeline.scenario.families import SEEDS
 from pipeline.storage.folder import Where
 from pipeline.text import public_url
 from pipeline.training.data import sources
 from pipeline.training.loop import Trained, position_rmse, train
-from registry.environment import TRAINED_BY
 
 Sources = tuple[ExampleSource, ExampleSource]  # examples of training and of validation
 MEMORY = (1e-9, 1e6)  # least and most that examples may take, GB
@@ -87,10 +87,10 @@ class FinishedTraining:
 
 
 def train_in_worker(
-    expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
+    made_by: DecidedBy, expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
 ) -> FinishedTraining:
     """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
-    check_worker(expected, TRAINED_BY)
+    check_worker(expected, made_by)
     asked = task[1]
     check_data(asked.settings.data, asked.settings.n, asked.digest)
     return train_and_fly(asked, asked.examples(SILENT), SILENT)
@@ -126,10 +126,10 @@ def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
 
 
 def train_trial(
-    expected: Mapping[str, str], asked: AskedTrial, data: Sources | None
+    made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTrial, data: Sources | None
 ) -> FinishedTraining | None:
     """In a worker: the training of a trial, which is not flown; None where the loss diverges."""
-    check_worker(expected, TRAINED_BY)
+    check_worker(expected, made_by)
     how, recipe = asked.settings, asked.recipe
     check_data(how.data, how.n, asked.digest)
     learn, valid = data or sources(recipe, how.data, how.n, seed=how.seed)

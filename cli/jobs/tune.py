@@ -20,13 +20,13 @@ from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import MOST, Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
-from pipeline.provenance import made_with
+from pipeline.provenance import DecidedBy, made_with
 from pipeline.scenario.families import SEEDS
 from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
-from registry.environment import TRAINED_BY, environment_tags
+from registry.environment import TRAINED_BY, environment_tags, with_architectures
 from registry.store import TUNING, Store, explained, opened, recorded_run
 from registry.training import DatasetInfo, record_of
 
@@ -63,10 +63,15 @@ class RecipeSearch:
         return named
 
     @property
+    def made_by(self) -> DecidedBy:
+        """What decides its trials."""
+        return with_architectures(TRAINED_BY, [self.settings.arch])
+
+    @property
     def name(self) -> str:
         """Name of the study, the same for the same data, code, kind of device and seed."""
         how, r = self.settings, self.recipe
-        code = json.dumps(dict(made_with(*TRAINED_BY)), sort_keys=True)
+        code = json.dumps(dict(made_with(*self.made_by)), sort_keys=True)
         versions = hashlib.sha256(code.encode()).hexdigest()[:8]
         run = f"{r.epochs}ep-{torch_device(how.device)}-seed{how.seed}"
         return f"{how.arch}-{r.name}-n{how.n}-{run}-{self.digest[:12]}-{versions}"
@@ -119,7 +124,7 @@ def tune(
     with opened(TUNING) as store:
         path = (settings.storage or store.beside / STORAGE).absolute()
         search = RecipeSearch(settings, recipe, digest, store, path)
-        objective, tags = search.objective, environment_tags(TRAINED_BY)
+        objective, tags = search.objective, environment_tags(search.made_by)
         with open_study(path, search.name) as study:
             known = _parent_of(study, store)
             with recorded_run(store, TUNING, search.name, tags, again=known) as run_id:
@@ -158,7 +163,7 @@ def _search(
     how, unused = search.settings, unused_fields(find(search.settings.arch))
     metric = "best_" + search.objective.removeprefix("best_")
     unit = " m" if search.objective == POSITION_RMSE else ""
-    one = partial(train_trial, made_with(*TRAINED_BY))
+    one = partial(train_trial, search.made_by, made_with(*search.made_by))
     last = min(how.trials, complete(study))
     left = how.trials - last  # a loss that diverges is an answer, too
     progress.expect(left)
@@ -187,7 +192,7 @@ def _record(
     asked: AskedTrial, found: FinishedTraining | None, study: "Study", search: RecipeSearch
 ) -> None:
     """Record a trial as a nested MLflow run and in its study; one that diverged has failed."""
-    store, tags, how = search.store, environment_tags(TRAINED_BY), asked.settings
+    store, tags, how = search.store, environment_tags(search.made_by), asked.settings
     with explained(store.uri):
         with recorded_run(store, TUNING, f"trial-{asked.number}", tags) as run_id:
             if found:

@@ -147,7 +147,8 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
     """The solved shards of one swarm size that hold rows of a split, in order."""
     if n not in manifest.samples:
         sizes = ", ".join(str(size) for size in sorted(manifest.samples))
-        raise InputError(f"{folder} has no scenarios of n={n}; expected n in {sizes}.")
+        one_of = "in" if len(manifest.samples) > 1 else "="
+        raise InputError(f"{folder} has no scenarios of n={n}; expected n {one_of} {sizes}.")
     every = [shard for shard in manifest.expected() if shard.n == n]
     refuse_unsolved(folder, manifest, every)
     return [s for s in every if split is None or split in s.sample.splits_of(s.number)]

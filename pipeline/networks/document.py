@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 from safetensors import SafetensorError
 
@@ -55,14 +56,14 @@ class TrainedNetwork(Protocol):
     def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ _"]:
         """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s², for any n ≥ 1.
 
-        InputError where the two differ in shape or are not states of swarms.
+        InputError where the two differ in shape or are not finite states of swarms.
         """
 
 
 def portions(initial: Array, goal: Array, nodes: int, device: str | None = None) -> Iterator[slice]:
     """Batches that fit in memory, larger ones on a device, one even of no swarms.
 
-    InputError for wrong shapes.
+    InputError for wrong shapes and for values that are not finite.
     """
     n, components = initial.shape[-2:]
     if initial.shape != goal.shape or initial.ndim != 3 or n < 1 or components != 6:
@@ -70,6 +71,11 @@ def portions(initial: Array, goal: Array, nodes: int, device: str | None = None)
             f"initial has shape {initial.shape} and goal {goal.shape}; expected (N, n, 6) for "
             "both, with at least one spacecraft."
         )
+    for name, states in {"initial": initial, "goal": goal}.items():
+        if not np.isfinite(states).all():
+            raise InputError(
+                f"{name} has values that are not finite; expected states in m and m/s."
+            )
     step = max(1, (COLUMNS_AT_ONCE if device is None else COLUMNS_ON_DEVICE) // (n * nodes))
     for start in range(0, max(1, len(initial)), step):
         yield slice(start, start + step)

@@ -94,7 +94,7 @@ class Model:
 
         States that it answers obey no dynamics; controls are flown, and may miss the goal. Swarms
         may have any n ≥ 1 craft, their states in m and m/s. InputError where the two differ in
-        shape or are not states of swarms.
+        shape or are not finite states of swarms.
         """
         answer = self.answer(initial, goal, self.problem.collision_radius)
         return answer if self.answers == "states" else fly(initial, answer, self.problem)

@@ -1,6 +1,6 @@
 """Names of architectures and recipes for training, without torch."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
@@ -84,6 +84,17 @@ def distribution_of(name: str) -> str | None:
     """The distribution that brings an architecture, where known; InputError for an unknown name."""
     found = getattr(entry_point(name), "dist", None)
     return None if found is None else str(found.name)
+
+
+def code_of_others(names: Iterable[str]) -> tuple[str, ...]:
+    """Distributions and modules, as of ``DecidedBy``, of architectures that are not our own."""
+    brought = {name: distribution_of(name) for name in sorted({*names})}
+    found = (
+        f"{distribution}:{entry_point(name).module.partition('.')[0]}"
+        for name, distribution in brought.items()
+        if distribution not in (None, "prolearn")
+    )
+    return tuple(dict.fromkeys(found))
 
 
 def entry_point(name: str) -> Any:

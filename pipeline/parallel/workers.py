@@ -10,6 +10,7 @@ import functools
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError
 from typing import TypeVar
 
 import joblib
@@ -123,7 +124,10 @@ def _call(
 
 def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
     """In a worker: refuse other versions than the process that asked for the work has."""
-    change = version_change(expected, made_with(*decided_by))
+    try:
+        change = version_change(expected, made_with(*decided_by))
+    except PackageNotFoundError as error:
+        change = f"{error.name}, which is not installed"
     if change:
         raise ProlearnError(
             f"this is made with {change} on a worker; expected the same versions on all "

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
+from pipeline.networks.recipes import code_of_others
 from pipeline.plan import Plan, Requirements
+from pipeline.provenance import version_of
 from pipeline.scenario import Scenario
 
 
@@ -57,7 +59,10 @@ def requiring(planner: Planner, requirements: Requirements) -> Planner:
 
 
 def identity(planner: Planner) -> dict[str, Any]:
-    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans."""
+    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans.
+
+    Of a network whose architecture others bring, the version of its code as well.
+    """
     return {"name": planner.name, **_identified(planner)}
 
 
@@ -69,7 +74,8 @@ def _identified(value: Any) -> Any:
     if isinstance(value, Sequence):
         return [_identified(one) for one in value]
     if isinstance(getattr(value, "digest", None), str):  # a network
-        return {"class": type(value).__qualname__, "digest": value.digest}
+        versions = {name: version_of(name) for name in code_of_others([value.architecture])}
+        return {"class": type(value).__qualname__, "digest": value.digest, **versions}
     if is_dataclass(value):
         parts = {field.name: _identified(getattr(value, field.name)) for field in fields(value)}
         return {"class": type(value).__qualname__, **parts}

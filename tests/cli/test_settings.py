@@ -23,6 +23,7 @@ from cli.settings import (
 )
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
+from pipeline.scenario.families import SEEDS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,5 +87,8 @@ def test_names_and_numbers_of_a_list_count_once():
 
 
 def test_a_number_that_is_too_large_is_told_the_largest():
-    with pytest.raises(InputError, match=r"--seed is '99999999999'; .* from 0 to 4294967296, such"):
+    with pytest.raises(InputError, match=r"--seed is '99999999999'; .* from 0 to 4294967295, such"):
         int_list("99999999999", "--seed", least=0)
+    assert int_list(f"{SEEDS - 1}", "--seed", least=0) == [4294967295]
+    with pytest.raises(InputError, match=r"from 0 to 4294967295, such"):
+        int_list(f"{SEEDS}", "--seed", least=0)

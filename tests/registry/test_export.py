@@ -141,7 +141,8 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
     folder: Path, ff1: Model, dataset: DatasetInfo
 ) -> None:
     export("ff1", "--out", "x.onnx")
-    assert "not measured" in (folder / "x.onnx.md").read_text(encoding="utf-8")
+    card = (folder / "x.onnx.md").read_text(encoding="utf-8")
+    assert "not measured" in card and "apart. Check" in card
     from registry.models import resolve
 
     (folder / "figures").mkdir()
@@ -154,6 +155,7 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
     card = (folder / "x.onnx.md").read_text(encoding="utf-8")
     rows = [re.findall(r"[^| ]+", line) for line in card.splitlines() if line.startswith("|")]
     assert ["3", "0.75"] in rows and ["30", "0.125"] in rows
+    assert "apart: the share of unsafe plans is above. Check" in card
     for word in ("m/s", "LVLH", "(batch, n, 6)", dataset.digest, "models:/prolearn-ff1/1"):
         assert word in card
     (kept,) = [p.value for p in onnx.load(folder / "x.onnx").metadata_props if p.key == "prolearn"]

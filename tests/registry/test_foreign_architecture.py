@@ -69,6 +69,46 @@ def test_one_that_learns_the_expert_s_plans_is_trained_and_loaded_like_the_built
     assert python(PREDICT, "shared").split() == ["predicted"]
 
 
+def test_what_other_code_or_another_version_of_one_has_made_is_made_again(
+    folder: Path, python: Python, solved: Path, tmp_path: Path
+) -> None:
+    data = ["--data", str(solved), "--n", "3"]
+    commands = json.dumps(
+        [
+            ["train", "--arch", "shared", "--epochs", "1", "--resume", *data],
+            ["evaluate", "--models", "shared/1", "--trials", "1", "--jobs", "1", "--resume", *data],
+            ["tune", "--arch", "shared", "--trials", "1", "--epochs", "1", *data],
+            ["train", "--arch", "ff1", "--epochs", "1", "--resume", *data],
+        ]
+    )
+
+    def before() -> tuple[bool, bool, bool, bool]:
+        said = python(COMMANDS, commands)
+        (search,) = re.findall(r"best .* on validation data; MLflow run (\w+)", said)
+        known = search in searches
+        searches.add(search)
+        words = ("before: prolearn-shared", "Evaluated before", "before: prolearn-ff1")
+        trained, evaluated, ours = (word in said for word in words)
+        return trained, evaluated, known, ours
+
+    def change(name: str, old: str, new: str) -> None:
+        path = tmp_path / "site" / name
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="utf-8")
+
+    searches: set[str] = set()
+    assert before() == (False, False, False, False)
+    change("my_networks.py", "class Shared(Supervised):", "class Shared(Supervised):  # as before")
+    change("my_controls.py", "1000 * (depth > 0)", "2000 * (depth > 0)")
+    assert before() == (True, True, True, True)
+    change("my_networks.py", "return network(", "return 2 * network(")
+    assert before() == (False, False, False, True)
+    change("their_networks-1.2.dist-info/METADATA", "Version: 1.2", "Version: 1.3")
+    assert before() == (False, False, False, True)
+    assert before() == (True, True, True, True)
+
+
 def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_with(
     folder: Path, python: Python, solved: Path
 ) -> None:

@@ -9,8 +9,10 @@ import mlflow
 import numpy as np
 import pytest
 from rights import room_until_told
+from typer.testing import CliRunner
 
 from cli.jobs.networks import networks
+from cli.main import app
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.trainings import training_table
 from pipeline.files import write_text
@@ -167,6 +169,33 @@ def test_an_unknown_model_gives_a_sentence_with_those_there_are(
         resolve(name)
 
 
+@pytest.mark.parametrize("name", ["ff1", "models:/prolearn-ff1", "ff1@champion"])
+def test_a_model_whose_champion_was_deleted_is_told_how_it_gets_another(
+    project: Project, name: str
+) -> None:
+    for _ in range(3):
+        project.train(1.0)
+    connect().client.delete_model_version("prolearn-ff1", "1")
+    advice = "prolearn models promote prolearn-ff1 --version"
+    with pytest.raises(InputError, match=rf"ff1 has no champion; .*\(2, 3\).*`{advice} V`\.$"):
+        resolve(name)
+    done = CliRunner().invoke(app, [*advice.split()[1:], "3"])
+    assert done.exit_code == 0, done.output
+    assert resolve(name).version == 3
+
+
+def test_versions_keep_their_runs_where_the_experiment_is_renamed_or_a_run_deleted(
+    project: Project,
+) -> None:
+    first, second = project.train(1.0), project.train(2.0)
+    store = connect()
+    store.client.rename_experiment(store.experiments[TRAINING], "ours")
+    assert list_versions() == [replace(first, aliases=("champion",)), second]
+    assert len(training_tables(list_versions())[1]) == 2 * len(project.trained.history)
+    store.client.delete_run(second.run_id)
+    assert [v.params for v in list_versions()] == [first.params, {}]
+
+
 @pytest.mark.parametrize(
     "name", ["", "two words", "models:/", "ff1@", "a'; DROP TABLE runs", "../x/1"]
 )
@@ -188,6 +217,20 @@ def test_mlflow_alone_loads_a_model_and_predicts_for_any_n(
 
     assert states.shape == (2, n, 6, 6)
     np.testing.assert_array_equal(states, project.trained.model.predict(initial, goal))
+
+
+@pytest.mark.parametrize(("name", "value"), [("initial", np.nan), ("goal", np.inf)])
+def test_states_that_are_not_finite_are_refused_by_mlflow_s_model_and_by_ours(
+    project: Project, name: str, value: float
+) -> None:
+    version = project.train(1.0)
+    states = dict(zip(("initial", "goal"), swarm(3), strict=True))
+    states[name][1, 2, 5] = value
+    said = f"^{name} has values that are not finite; expected states in m and m/s.$"
+    with pytest.raises(InputError, match=said):
+        load(version)[0].predict(**states)
+    with pytest.raises(InputError, match=said):
+        mlflow.pyfunc.load_model(version.uri).predict(states)
 
 
 def test_the_signature_and_the_input_example_go_with_the_model(project: Project) -> None:

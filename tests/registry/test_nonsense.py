@@ -148,7 +148,7 @@ def test_a_champion_that_is_not_there_is_none(sql: Callable[..., None]) -> None:
     sql("UPDATE registered_model_aliases SET version = 7")
     assert champion_of("prolearn-ff1") is None
     assert [version.aliases for version in list_versions()] == [(), ()]
-    with pytest.raises(InputError, match="no model 'ff1'"):
+    with pytest.raises(InputError, match="prolearn-ff1 has no champion"):
         resolve("ff1")
 
 

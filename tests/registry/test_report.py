@@ -130,6 +130,24 @@ def test_what_was_made_with_other_versions_is_said(done: dict[str, str]) -> None
     assert "Experiment 4 was made with torch 1.0, the evaluation with 2" in made(Path("other"))[0]
 
 
+def test_code_of_an_architecture_differs_where_both_runs_have_it(done: dict[str, str]) -> None:
+    client, pair = connect().client, (done["evaluation"], done["times"])
+    usual = [client.get_run(run).data.tags["made_with"] for run in pair]
+
+    def said(*versions: str) -> str:
+        for run, tag, version in zip(pair, usual, versions, strict=False):
+            own = json.loads(tag) | {"theirs:networks": version}
+            client.set_tag(run, "made_with", json.dumps(own))
+        report(Path("theirs"), done["evaluation"])
+        for run, tag in zip(pair, usual, strict=True):
+            client.set_tag(run, "made_with", tag)
+        return made(Path("theirs"))[0]
+
+    assert "was made with" not in said("1.2+code.a")
+    text = said("1.2+code.a", "1.2+code.b")
+    assert "made with theirs:networks 1.2+code.b, the evaluation with 1.2+code.a." in text
+
+
 def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(
     folder: Path, solved: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
 ) -> None:

@@ -15,14 +15,22 @@ from cli.jobs.report import report
 from cli.settings import Evaluation, TransferTimes
 from pipeline.errors import InputError
 from pipeline.flight.montecarlo import MADE_BY
-from pipeline.networks.recipes import Recipe
+from pipeline.networks.recipes import Recipe, architecture_names
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy
 from pipeline.training.loop import Trained
-from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY
+from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY, with_architectures
 from registry.models import ModelVersion, resolve
-from registry.results import arrays_of, earlier_run, evaluation, latest, record, table_of
+from registry.results import (
+    arrays_of,
+    earlier_run,
+    evaluation,
+    latest,
+    record,
+    table_of,
+    unfinished_parts,
+)
 from registry.store import EVALUATION, WARMSTART, connect, recorded_run
 from registry.training import DatasetInfo, add_model_results, record_training
 
@@ -176,6 +184,21 @@ def test_what_computes_in_the_code_that_decides_a_result_is_known_by_its_version
     text = "\n".join(file.read_text() for file in files)
     imported = {*re.findall(r"^\s*(?:import|from) (\w+)", text, re.MULTILINE)}
     assert imported & COMPUTE <= {*decided_by[1]}
+
+
+def test_what_our_own_architectures_make_depends_on_no_other_code() -> None:
+    assert with_architectures(TRAINED_BY, architecture_names()) == TRAINED_BY
+
+
+def test_parts_are_for_the_code_that_made_them(folder: Path) -> None:
+    parts, packages = EVALUATED_BY
+    for made_by in (EVALUATED_BY, (parts, (*packages, "threadpoolctl:threadpoolctl"))):
+        with (
+            pytest.raises(KeyboardInterrupt),
+            unfinished_parts(EVALUATION, {"trials": 1}, made_by, resume=True),
+        ):
+            raise KeyboardInterrupt
+    assert len([*Path("mlruns/.unfinished").iterdir()]) == 2
 
 
 def test_an_evaluation_of_the_same_models_in_another_order_is_the_same(

@@ -247,6 +247,8 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
         )
         solve(solved / "x", Settings(), workers=ONE)
         examples(solved / "x", 3, "test")
+    with pytest.raises(InputError, match=r"no scenarios of n=5; expected n = 3\.$"):
+        solved_rows(solved / "x", 5)
     (solved / "n=3/part-00001.parquet").unlink()
     with pytest.raises(InputError, match=r"part-00001\.parquet in .* cannot be read .* --repair"):
         solved_rows(solved, 3)

@@ -111,6 +111,38 @@ def test_the_code_is_known_by_its_source_files_and_their_names(tmp_path):
     assert code_digest(("orbit",), tmp_path) != first
 
 
+def test_what_others_bring_is_known_by_its_version_and_the_code_of_its_module(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "theirs" / "parts").mkdir(parents=True)
+    (tmp_path / "theirs" / "__init__.py").write_text("raise SystemExit('it is imported')")
+    (tmp_path / "theirs" / "template.py").write_text("{{ no Python }}")
+    (tmp_path / "their_networks.dist-info").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def made(source, version="1.0"):
+        metadata = f"Name: their-networks\nVersion: {version}\n"
+        (tmp_path / "their_networks.dist-info" / "METADATA").write_text(metadata)
+        (tmp_path / "theirs" / "parts" / "layers.py").write_text(source)
+        made_with.cache_clear()
+        return made_with(("pipeline/orbit",), ("numpy", "their-networks:theirs"))
+
+    first = made("x = 1")
+    theirs = first["their-networks:theirs"]
+    assert theirs.startswith("1.0+code.")
+    ours = made_with(("pipeline/orbit",), ("numpy",))
+    assert first == {**ours, "their-networks:theirs": theirs}
+    assert made("x = 1  # one") == first
+    assert made("x = 1", version="1.1")["their-networks:theirs"] == theirs.replace("1.0", "1.1", 1)
+    assert made("x = 2")["their-networks:theirs"] != theirs
+
+
+def test_a_worker_without_what_others_bring_is_refused():
+    theirs = {"prolearn": "0.3", "their-networks:theirs": "1.0+code.0"}
+    with pytest.raises(ProlearnError, match=r"their-networks, which is not installed on a worker"):
+        check_worker(theirs, ((), ("their-networks:theirs",)))
+
+
 WRITTEN = '''"""A module."""
 
 def twice(x: float) -> float:

@@ -212,6 +212,27 @@ def test_networks_are_told_apart_by_their_weights():
     assert json.loads(json.dumps(refiner)) == refiner
 
 
+def test_networks_of_others_are_told_apart_by_their_code(tmp_path, monkeypatch):
+    (tmp_path / "their_networks.dist-info").mkdir()
+    for name, text in {
+        "METADATA": "Name: their-networks\nVersion: 1.2\n",
+        "entry_points.txt": "[prolearn.architectures]\nmine = theirs:MINE\n",
+    }.items():
+        (tmp_path / "their_networks.dist-info" / name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    planner = NetworkPlanner(replace(load(FOLDER), architecture="mine"), "mine")
+
+    def told(source):
+        (tmp_path / "theirs.py").write_text(source)
+        return identity(planner)["model"]
+
+    first, same, changed = map(told, ("MINE = 1", "MINE = 1  # one", "MINE = 2"))
+    assert first == same != changed
+    assert first["their-networks:theirs"].startswith("1.2+code.")
+    ours = identity(NetworkPlanner(load(FOLDER), "refiner"))["model"]
+    assert ours.keys() == {"class", "digest"}
+
+
 def copied(one, other):
     other.write_bytes(one.read_bytes())
 
