@@ -55,6 +55,16 @@ def refuse_special(path: Path) -> None:
         )
 
 
+def refuse_undecodable(path: Path) -> None:
+    """Raise InputError for a name that is not UTF-8, of which some libraries open no file."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(
+            f"The name {path} is not UTF-8; expected one that is: rename it or give another."
+        ) from None
+
+
 @contextlib.contextmanager
 def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.

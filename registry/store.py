@@ -29,6 +29,7 @@ from mlflow.telemetry import set_telemetry_client
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.files import refuse_undecodable
 from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
 from pipeline.text import public, public_url, sqlite_url
 from registry.entities import pages
@@ -265,14 +266,19 @@ def _check_reachable(uri: str) -> None:
 
 
 def database_path(uri: str) -> Path:
-    """Absolute path of the file behind an ``sqlite:///`` address; InputError for one without."""
+    """Absolute path of the file behind an ``sqlite:///`` address.
+
+    InputError for an address without, and for a path that is not UTF-8, which SQLite lacks.
+    """
     name = unquote(uri.partition(":///")[2].partition("?")[0])
     if not name or name == ":memory:":
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected a file, such as "
             "sqlite:///mlflow.db, since a store in memory is lost when the command ends."
         )
-    return Path(name).absolute()
+    path = Path(name).absolute()
+    refuse_undecodable(path)
+    return path
 
 
 @contextmanager

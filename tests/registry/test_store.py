@@ -79,6 +79,18 @@ def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
     assert list_versions() == [made]
 
 
+@pytest.mark.parametrize("create", [True, False])
+def test_a_folder_whose_name_is_not_utf_8_is_refused_and_gets_no_store(
+    fresh: Path, create: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = fresh / os.fsdecode(b"lat\xe9")
+    here.mkdir()
+    monkeypatch.chdir(here)
+    with pytest.raises(InputError, match="is not UTF-8; expected one that is"):
+        connect(create=create)
+    assert list(here.iterdir()) == []
+
+
 def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> None:
     code = (
         "import pwd\ndef unknown(number):\n    raise KeyError(number)\npwd.getpwuid = unknown\n"
