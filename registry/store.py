@@ -14,8 +14,9 @@ import tempfile
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
+from errno import EACCES, EPERM, EROFS
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any
@@ -176,6 +177,8 @@ def _prepare_process() -> None:
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         for name in ("mlflow", "alembic"):
             logging.getLogger(name).setLevel(logging.WARNING)
+        # That there is no pip, as in environments of uv, is of no concern to a model.
+        logging.getLogger("mlflow.utils.environment").setLevel(logging.ERROR)
         # What it logs with a traceback it raises too, and the person gets it as a sentence.
         logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
@@ -285,8 +288,9 @@ def database_path(uri: str) -> Path:
 def guarded(path: Path, *, create: bool) -> Iterator[None]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
-    Migrations of a fresh file collide when several processes start them at once. InputError where
-    the file is missing and not to be made, or is no store of MLflow.
+    Migrations of a fresh file collide when several processes start them at once. Without ``create``
+    a file beside which no lock can be made is read without. InputError where the file is missing
+    and not to be made, or is no store of MLflow.
     """
     if not path.exists():
         if not create:
@@ -296,7 +300,12 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
             )
         path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(f"{path}.lock", timeout=LOCK_SECONDS):
+        with ExitStack() as held:
+            try:
+                held.enter_context(FileLock(f"{path}.lock", timeout=LOCK_SECONDS))
+            except OSError as error:
+                if create or error.errno not in (EACCES, EPERM, EROFS):
+                    raise
             check_database(path)
             yield
     except Timeout as error:
