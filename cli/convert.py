@@ -68,7 +68,7 @@ def convert(
         echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
     else:
         of = made.scenario
-        echo(f"{target}: {of.n} craft at {of.problem.nodes} nodes.", err=target == STDIO)
+        _tell(target, f"{of.n} craft at {of.problem.nodes} nodes.")
     if made.separation == "nodes":
         echo(f"prolearn: {plan} keeps craft apart at the nodes only, as was asked.", err=True)
     if made.status != SOLVED:
@@ -104,5 +104,9 @@ def show(
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
     with within_memory(), told_where(plan):
         shown = write_page(target, claimed, plan.name)
-    said = " ".join([f"{target}: {claimed.scenario.n} craft by {claimed.planner}.", *shown.faults])
-    echo(said, err=target == STDIO)
+    _tell(target, " ".join([f"{claimed.scenario.n} craft by {claimed.planner}.", *shown.faults]))
+
+
+def _tell(target: Path, what: str) -> None:
+    """Say what was written, on stderr where that is on stdout."""
+    echo(f"{'stdout' if target == STDIO else target}: {what}", err=target == STDIO)

@@ -7,11 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from cli.app import CommandGroup
-from cli.output import echo, plain_text, print_json, print_table, stdout_for_document
+from cli.output import (
+    echo,
+    plain_text,
+    print_json,
+    print_table,
+    stdout_for_document,
+    wide_console,
+)
 from cli.progress import each
 from cli.settings import AsJson, option
 from pipeline.errors import InputError
@@ -117,7 +123,7 @@ def show(model: ModelArgument, as_json: AsJson = False) -> None:
     if as_json:
         print_json(document_of(version))
         return
-    table = Table(box=None, show_header=False)
+    table = Table(Column(overflow="fold"), Column(overflow="fold"), box=None, show_header=False)
     head = {
         **{"model": version.name, "version": version.version, "uri": version.uri},
         **{"aliases": ",".join(version.aliases), "run": version.run_id},
@@ -128,7 +134,7 @@ def show(model: ModelArgument, as_json: AsJson = False) -> None:
         for name, value in part.items():
             table.add_row(plain_text(name), plain_text(value))
         table.add_section()
-    Console().print(table)
+    wide_console().print(table)
 
 
 @app.command()

@@ -33,6 +33,12 @@ def echo(*lines: object, err: bool = False) -> None:
         typer.echo(visible(str(line)), err=err)
 
 
+def wide_console() -> Console:
+    """Standard output for rich: a terminal of its width, or what cuts and wraps nothing."""
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDE)
+
+
 def note(*lines: object) -> None:
     """Print lines for people: on a terminal wrapped at its width, elsewhere each as one line."""
     console = Console()
@@ -67,26 +73,25 @@ def print_table(
     as the others, numbers, are not; rows in ``marked`` are red.
     """
     rows = [[visible(cell) for cell in row] for row in rows]
-    console = Console()
-    width = console.width if console.is_terminal else WIDE
+    console = wide_console()
     columns = zip(headings, *rows, strict=True)
     wide = [max(len(line) for cell in column for line in cell.split("\n")) for column in columns]
     taken = accumulate(one + 1 for one in (min(LEAST, wide[0]), *wide[1:]))
-    fit = max(2, sum(one <= width for one in taken))
+    fit = max(2, sum(one <= console.width for one in taken))
     if fit < len(wide):
         for which in (range(fit), [0, *range(fit, len(wide))]):
             part = [[row[k] for k in which] for row in (headings, *rows)]
             left = [k for k, column in enumerate(which) if column in texts]
             print_table(part[0], part[1:], texts=left, marked=marked)
         return
-    room = max(LEAST, width - sum(wide[1:]) - len(wide))
+    room = max(LEAST, console.width - sum(wide[1:]) - len(wide))
     table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
     for k, heading in enumerate(headings):
         table.add_column(heading, justify="left" if k in texts else "right", no_wrap=True)
     for k, (first, *cells) in enumerate(rows):
         shown = first if len(first) <= room else f"…{first[1 - room :]}"
         table.add_row(*map(Text, (shown, *cells)), style="red" if k in marked else None)
-    Console(width=width).print(table)
+    console.print(table)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from dataclasses import asdict, fields
 from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from unicodedata import normalize
 
 import typer
 
@@ -17,7 +18,7 @@ from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, option
 from pipeline.errors import InputError
 from pipeline.figures.labels import MISSING, number
-from pipeline.files import STDIO, refuse_special, stem_of
+from pipeline.files import STDIO, refuse_special, refuse_unwritable, stem_of
 
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
@@ -122,6 +123,8 @@ def plan(
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
         refuse_overwriting(path, target)
+    for target in targets if out != STDIO else ():
+        refuse_unwritable(target)
     asked = [read_checked(path, allow_drift=planning.allow_drift) for path in scenarios]
     if world:
         for path, one in zip(scenarios, asked, strict=True):
@@ -170,8 +173,12 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     if out == STDIO:
         raise InputError("--out is - for several scenarios; expected a folder for their plans.")
     names = [f"{stem_of(path)}.plan.json" for path in scenarios]
-    if len(set(names)) < len(names):
-        raise InputError("two scenario files have the same name; expected different names.")
+    # Some file systems take names for the same that differ in case, or in how accents are composed.
+    if len({normalize("NFC", name.casefold()) for name in names}) < len(names):
+        raise InputError(
+            "two scenario files have the same name, or names that differ in case alone; expected "
+            "different names."
+        )
     if out.is_file():
         wanted = "a folder for several plans" if names[1:] else "a folder, or a name with .json"
         raise InputError(f"--out is the file {out}; expected {wanted}.")

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
 
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
-from cli.output import echo, plain_text, print_json, stdout_free
+from cli.output import echo, plain_text, print_json, stdout_free, wide_console
 from cli.settings import (
     ANGLES,
     AsJson,
@@ -215,14 +214,14 @@ def check(
 
 def _show(found: "list[Diagnostic]") -> None:
     """A row for each finding, and below what is wrong its worst faults and the cure."""
-    console, rules = Console(), max(len(finding.rule) for finding in found)
+    console, rules = wide_console(), max(len(finding.rule) for finding in found)
     for finding in found:
         row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
-        for width in (8, rules, 5):
-            row.add_column(no_wrap=True, min_width=width)
-        verdict = ("fine", "green") if finding.fine else ("wrong", "bold red")
-        end, rule, text = map(plain_text, (finding.end, finding.rule, finding.text))
-        row.add_row(end, rule, plain_text(*verdict), text)
+        for _ in range(4):
+            row.add_column(overflow="fold")
+        verdict = ("fine ", "green") if finding.fine else ("wrong", "bold red")
+        end, rule = plain_text(f"{finding.end:8}"), plain_text(f"{finding.rule:{rules}}")
+        row.add_row(end, rule, plain_text(*verdict), plain_text(finding.text))
         console.print(row)
         lines = [case.text for case in finding.cases[:MOST_CASES]]
         if len(finding.cases) > MOST_CASES:

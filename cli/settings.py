@@ -54,7 +54,7 @@ PlanFile = Annotated[Path, typer.Argument(help="Plan file; - is standard input."
 
 Data = Annotated[str, option("Solved dataset, a folder or a URL.")]
 TrainingSize = Annotated[int, option("Swarm size to train on.")]
-Device = Annotated[str, option("auto, cpu, cuda or mps.")]
+Device = Annotated[str, option("auto, cpu, cuda or, not for the refiner, mps.")]
 RefinerDevice = Annotated[
     Literal["cpu", "cuda"] | None,
     option("Where refiners plan, by torch in float64; on the CPU by compiled code if not given."),

@@ -31,8 +31,12 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        file = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
-        raise InputError(f"{file} is a file; expected a folder.") from error
+        raise InputError(f"{_lowest(folder)} is a file; expected a folder.") from error
+
+
+def _lowest(folder: Path) -> Path:
+    """What there is of a path of folders: itself or the lowest above it."""
+    return next(path for path in (folder, *folder.parents) if os.path.lexists(path))
 
 
 @contextlib.contextmanager
@@ -55,6 +59,52 @@ def refuse_special(path: Path) -> None:
         )
 
 
+def refuse_undecodable(path: Path) -> None:
+    """Raise InputError for a name that is not UTF-8, of which some libraries open no file."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(
+            f"The name {path} is not UTF-8; expected one that is: rename it or give another."
+        ) from None
+
+
+def refuse_unwritable(path: Path) -> None:
+    """Raise what ``published`` would, before there is work to be lost; nothing is made that stays.
+
+    InputError, or the OSError of a folder that cannot be written to or of a name that is too long.
+    """
+    place = _place_of(path)
+    folder = _lowest(place.parent)
+    if not folder.is_dir():
+        raise InputError(f"{folder} is a file; expected a folder.")
+    temporary = folder / _temporary_name(place)
+    try:
+        temporary.touch()
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _place_of(path: Path) -> Path:
+    """The file that is written, of a symbolic link what it names; InputError where none can be."""
+    refuse_special(path)
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
+        if path.is_symlink():
+            raise InputError(f"{path} is a link that leads to itself; expected the name of a file.")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; expected the name of a file.")
+    return path
+
+
+def _temporary_name(path: Path) -> str:
+    return f".{path.name}.{uuid4().hex}.tmp"
+
+
 @contextlib.contextmanager
 def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
@@ -64,16 +114,10 @@ def published(path: Path) -> Iterator[Path]:
     symbolic link the file that it names is replaced. InputError where it is a folder, a pipe
     or a device, or what should be its folder is a file.
     """
-    refuse_special(path)
-    if path.is_symlink():
-        path = Path(os.path.realpath(path))
-        if path.is_symlink():
-            raise InputError(f"{path} is a link that leads to itself; expected the name of a file.")
+    path = _place_of(path)
     make_folder(path.parent)
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; expected the name of a file.")
     # Named here and made in the block: a file made before it would outlive an interrupt between.
-    temporary = path.parent / f".{path.name}.{uuid4().hex}.tmp"
+    temporary = path.parent / _temporary_name(path)
     mode = path.stat().st_mode & 0o777 if path.exists() else None
     try:
         with _named(path):

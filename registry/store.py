@@ -14,8 +14,9 @@ import tempfile
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
+from errno import EACCES, EPERM, EROFS
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from mlflow.telemetry import set_telemetry_client
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
+from pipeline.files import refuse_undecodable
 from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
 from pipeline.text import public, public_url, sqlite_url
 from registry.entities import pages
@@ -175,6 +177,8 @@ def _prepare_process() -> None:
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         for name in ("mlflow", "alembic"):
             logging.getLogger(name).setLevel(logging.WARNING)
+        # That there is no pip, as in environments of uv, is of no concern to a model.
+        logging.getLogger("mlflow.utils.environment").setLevel(logging.ERROR)
         # What it logs with a traceback it raises too, and the person gets it as a sentence.
         logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
@@ -265,22 +269,28 @@ def _check_reachable(uri: str) -> None:
 
 
 def database_path(uri: str) -> Path:
-    """Absolute path of the file behind an ``sqlite:///`` address; InputError for one without."""
+    """Absolute path of the file behind an ``sqlite:///`` address.
+
+    InputError for an address without, and for a path that is not UTF-8, which SQLite lacks.
+    """
     name = unquote(uri.partition(":///")[2].partition("?")[0])
     if not name or name == ":memory:":
         raise InputError(
             f"MLFLOW_TRACKING_URI is {public_url(uri)!r}; expected a file, such as "
             "sqlite:///mlflow.db, since a store in memory is lost when the command ends."
         )
-    return Path(name).absolute()
+    path = Path(name).absolute()
+    refuse_undecodable(path)
+    return path
 
 
 @contextmanager
 def guarded(path: Path, *, create: bool) -> Iterator[None]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
-    Migrations of a fresh file collide when several processes start them at once. InputError where
-    the file is missing and not to be made, or is no store of MLflow.
+    Migrations of a fresh file collide when several processes start them at once. Without ``create``
+    a file beside which no lock can be made is read without. InputError where the file is missing
+    and not to be made, or is no store of MLflow.
     """
     if not path.exists():
         if not create:
@@ -290,7 +300,12 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
             )
         path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(f"{path}.lock", timeout=LOCK_SECONDS):
+        with ExitStack() as held:
+            try:
+                held.enter_context(FileLock(f"{path}.lock", timeout=LOCK_SECONDS))
+            except OSError as error:
+                if create or error.errno not in (EACCES, EPERM, EROFS):
+                    raise
             check_database(path)
             yield
     except Timeout as error:

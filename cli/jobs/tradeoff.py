@@ -7,7 +7,7 @@ from typing import Any
 from cli.settings import Tradeoff
 from pipeline.errors import InputError
 from pipeline.figures.style import save
-from pipeline.files import write_rows
+from pipeline.files import refuse_unwritable, write_rows
 from pipeline.plan import summary
 from pipeline.plan.document import write_plan
 from pipeline.planners.planner import Planner
@@ -15,6 +15,7 @@ from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
 from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff, tradeoff_figure
 
+TABLE = "tradeoff.csv"
 PLANS = "plans"  # folder of the plans within that of the trade-off
 PLAN = "transfer-{}s.plan.json"  # name of a plan's file, by its duration in s
 
@@ -42,6 +43,8 @@ def trade(
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
+    for file in (out / TABLE, out / PLANS / PLAN):
+        refuse_unwritable(file)
     scenario = read_checked(path, allow_drift=settings.allow_drift)
     step = scenario.problem.time_step
     arcs = arcs_between(*durations, step, settings.steps)
@@ -55,7 +58,7 @@ def trade(
     for old in (out / PLANS).glob(PLAN.format("*")):
         if str(old) not in kept:
             old.unlink()
-    _write_table(rows, out / "tradeoff.csv")
+    _write_table(rows, out / TABLE)
     title = f"{scenario.headline}, arcs of {step:g} s, {settings.goal} goals"
     save(tradeoff_figure(points, bend, title), out / "tradeoff")
     return rows

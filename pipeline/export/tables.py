@@ -53,5 +53,6 @@ def write_parquet(plan: Plan, path: Path) -> None:
     }
     rest = {k: v for k, v in plan_document(plan).items() if k not in BESIDE}
     table = pa.table(columns, metadata={METADATA_KEY: json.dumps(rest).encode()})
-    with published(path) as temporary:
-        pq.write_table(table, temporary, write_page_checksum=True)
+    # Arrow opens only files whose names are UTF-8.
+    with published(path) as temporary, temporary.open("wb") as file:
+        pq.write_table(table, file, write_page_checksum=True)

@@ -194,9 +194,10 @@ def _least_limits(
         reach = (reach.reshape(len(reach), rows, -1, 3) @ np.array(thrust.model).T).reshape(
             len(reach), rows, -1
         )
-    wanted = csr_array(block_diag(list((miss[moving] / enough[moving, None])[..., None])))
+    wanted = (miss[moving] / enough[moving, None])[..., None]
     n, m = len(moving), reach.shape[2]
-    balance: Any = hstack([csr_array(block_diag(list(reach[moving]))), -wanted], format="csr")
+    blocks = (block_diag([csr_array(one) for one in parts]) for parts in (reach[moving], -wanted))
+    balance: Any = hstack(list(blocks), format="csr")
     found = linprog(
         np.repeat([0.0, -1.0], [n * m, n]),
         A_eq=balance,

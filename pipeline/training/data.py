@@ -140,9 +140,14 @@ class Preparation:
     device: torch.device
 
     def of(self, examples: Examples) -> Prepared:
-        """The examples, prepared, on the device."""
+        """The examples, prepared, on the device; InputError where it lacks their precision."""
         given = swarms(examples.problem, examples.initial, examples.goal, examples.states)
         batch = self.architecture.prepare(given, self.encoding)
+        if self.device.type == "mps" and torch.float64 in {t.dtype for t in batch.values()}:
+            raise InputError(
+                "device is mps, which has no float64, and this network learns in it; expected cpu "
+                "or cuda."
+            )
         return Prepared({name: tensor.to(self.device) for name, tensor in batch.items()})
 
 

@@ -263,3 +263,51 @@ def test_a_file_that_cannot_be_made_is_said_by_its_own_name(prolearn, tmp_path):
     said = "cannot be read or written (File name too long); expected one that can: name another"
     assert done.stderr.startswith(f"prolearn: {name} {said}")
     assert list(tmp_path.iterdir()) == []
+
+
+IN_A_READ_ONLY_FOLDER = """
+from pathlib import Path
+from cli.main import app
+from pipeline.planners.classical import Expert
+from rights import read_only
+
+Expert.plan = None  # whoever plans gets a traceback
+with read_only(Path.cwd()):
+    app()
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "file"),
+    [
+        (("plan", "a.json", "--out", "p.json"), "p.json"),
+        (("plan", "a.json", "b.json", "--out", "plans"), "plans/a.plan.json"),
+        (("tradeoff", "a.json", "--duration", "20..40min"), "a-tradeoff/tradeoff.csv"),
+        (("tradeoff", "a.json", "--duration", "20..40min", "--out", "there"), "there/tradeoff.csv"),
+    ],
+)
+def test_a_place_that_cannot_be_written_to_is_refused_before_anything_is_planned(
+    command, file, forked, tmp_path
+):
+    (tmp_path / "there").mkdir()
+    for name in ("a", "b"):
+        scenario_file(tmp_path / f"{name}.json")
+    before = sorted(tmp_path.rglob("*"))
+    done = forked.run(command, tmp_path, code=IN_A_READ_ONLY_FOLDER)
+    said = f"prolearn: {file} cannot be read or written (Permission denied); expected one that can"
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert done.stderr.startswith(said)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("one", "other"), [("a", "a"), ("a", "A"), ("\u00e9", "E\u0301")])
+def test_scenarios_whose_plans_some_file_system_would_take_for_one_are_refused(
+    one, other, prolearn, tmp_path
+):
+    for folder, name in (("1", one), ("2", other)):
+        (tmp_path / folder).mkdir()
+        scenario_file(tmp_path / folder / f"{name}.json")
+    done = prolearn("plan", f"1/{one}.json", f"2/{other}.json", "--out", "plans")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "differ in case alone; expected different names" in done.stderr
+    assert not (tmp_path / "plans").exists()

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from io import BytesIO
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -55,6 +56,15 @@ def test_tables_are_named_after_the_plan(prolearn, planned, tmp_path):
     assert prolearn("convert", "p.json", "--to", "parquet").returncode == 0
     assert len((tmp_path / "p.csv").read_text().splitlines()) == 1 + 11 * 11
     assert pq.read_table(tmp_path / "p.parquet").num_rows == 11 * 11
+
+
+def test_a_plan_whose_name_is_not_utf_8_is_converted_all_the_same(prolearn, planned, tmp_path):
+    planned()
+    name = os.fsdecode(b"sw\xe9rm")
+    (tmp_path / "p.json").rename(tmp_path / f"{name}.json")
+    done = prolearn("convert", f"{name}.json", "--to", "parquet")
+    assert done.returncode == 0, done.stderr
+    assert pq.read_table(BytesIO((tmp_path / f"{name}.parquet").read_bytes())).num_rows == 11 * 11
 
 
 def test_without_a_reference_orbit_the_sentence_says_what_to_add_and_that_helps(

@@ -50,3 +50,18 @@ def test_a_version_that_was_never_evaluated_is_listed_without_numbers(
     bare = replace(VERSION, aliases=(), metrics={}, created=datetime.now(UTC))
     line = listed(monkeypatch, bare)[-1]
     assert line.split() == ["prolearn-lstmcol", "12", "tuned", "paper", "012345", "new"]
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_one_version_is_shown_to_the_last_character(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a terminal values go on in the next line, elsewhere each is on one."""
+    digest = "0123456789abcdef" * 16
+    long = replace(VERSION, params={"dataset_digest": digest})
+    monkeypatch.setattr(models, "resolve", lambda _: long)
+    given = {"COLUMNS": "80", **({"FORCE_COLOR": "1", "TERM": "dumb"} if terminal else {})}
+    done = CliRunner().invoke(app, ["models", "show", "lstmcol"], env=given)
+    assert done.exit_code == 0
+    assert (digest in done.output) is not terminal
+    assert digest in "".join(done.output.split())

@@ -1,6 +1,7 @@
 """prolearn scenario: what is written can be planned, and what is wrong is said with its status."""
 
 import json
+import re
 
 import numpy as np
 
@@ -92,7 +93,7 @@ def faulty(path):
 
 def test_all_that_is_wrong_is_said_on_80_columns_with_status_1(prolearn, tmp_path):
     faulty(tmp_path / "s.json")
-    done = prolearn("scenario", "check", "s.json")
+    done = prolearn("scenario", "check", "s.json", FORCE_COLOR="1", TERM="dumb")
     assert (done.returncode, done.stderr) == (1, "")
     assert max(map(len, done.stdout.splitlines())) <= 80
     said = " ".join(done.stdout.split())
@@ -101,6 +102,18 @@ def test_all_that_is_wrong_is_said_on_80_columns_with_status_1(prolearn, tmp_pat
     assert "initial[1] and initial[3] come within" in said
     assert "and 3 more, which --json has" in said
     assert "goal craft apart fine" in said
+
+
+def test_nothing_is_cut_on_a_narrow_terminal_or_wrapped_off_one(prolearn, tmp_path):
+    faulty(tmp_path / "s.json")
+    found = json.loads(prolearn("scenario", "check", "s.json", "--json").stdout)["findings"]
+    narrow = prolearn("scenario", "check", "s.json", COLUMNS="40", FORCE_COLOR="1", TERM="xterm")
+    assert max(map(len, re.sub(r"\x1b\[[\d;]*m", "", narrow.stdout).splitlines()[2:])) <= 40
+    assert "…" not in narrow.stdout
+    plain = prolearn("scenario", "check", "s.json", COLUMNS="40").stdout.splitlines()
+    for finding in found:
+        assert [line for line in plain if line.endswith(finding["text"])]
+        assert all(f"    {case['text']}" in plain for case in finding["cases"][:5])
 
 
 def test_the_columns_of_all_rows_line_up(prolearn, tmp_path):

@@ -21,6 +21,7 @@ def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
         )
         assert done.returncode == 0, done.stderr
         assert "The plan is" not in done.stderr  # it has no name
+        assert not done.stderr.startswith("-:")
         return done.stdout
 
     scenario = through("scenario", "new", "-", "--n", "3")

@@ -6,8 +6,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
+from rights import read_only
 
-from pipeline.files import published, write_text
+from pipeline.errors import InputError
+from pipeline.files import published, refuse_unwritable, write_text
 from pipeline.storage.folder import open_folder
 
 
@@ -68,3 +70,22 @@ def test_what_replaces_a_private_file_is_private_while_it_is_written(tmp_path):
     with published(path) as temporary:
         temporary.write_text("secret")
         assert mode_of(temporary) == 0o600
+
+
+def test_where_a_file_can_be_written_is_known_before_and_nothing_is_made(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "locked" / "file")
+    (tmp_path / "locked").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    refuse_unwritable(tmp_path / "file")
+    refuse_unwritable(tmp_path / "new" / "folder" / "file")
+    for name, what in (("file/new", "is a file"), ("file/a/b", "is a file"), ("", "is a folder")):
+        with pytest.raises(InputError, match=what):
+            refuse_unwritable(tmp_path / name)
+    with pytest.raises(OSError, match="name too long"):
+        refuse_unwritable(tmp_path / (240 * "x"))
+    with read_only(tmp_path / "locked"):
+        for name in ("locked/file", "locked/new/file", "link"):
+            with pytest.raises(PermissionError, match=name):
+                refuse_unwritable(tmp_path / name)
+    assert sorted(tmp_path.rglob("*")) == before

@@ -15,11 +15,12 @@ import mlflow
 import pytest
 from forked import Forked
 from processes import SOON
+from rights import read_only
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from registry.models import list_versions
+from registry.models import list_versions, load
 from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened, recorded_run
 from registry.training import DatasetInfo, record_training
 
@@ -79,6 +80,18 @@ def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
     assert list_versions() == [made]
 
 
+@pytest.mark.parametrize("create", [True, False])
+def test_a_folder_whose_name_is_not_utf_8_is_refused_and_gets_no_store(
+    fresh: Path, create: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = fresh / os.fsdecode(b"lat\xe9")
+    here.mkdir()
+    monkeypatch.chdir(here)
+    with pytest.raises(InputError, match="is not UTF-8; expected one that is"):
+        connect(create=create)
+    assert list(here.iterdir()) == []
+
+
 def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> None:
     code = (
         "import pwd\ndef unknown(number):\n    raise KeyError(number)\npwd.getpwuid = unknown\n"
@@ -89,6 +102,19 @@ def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> No
     done = subprocess.run(command, capture_output=True, text=True, env=given)
     said = "prolearn: there is no home folder; expected HOME to name one: set it.\n"
     assert (done.returncode, done.stderr) == (2, said)
+
+
+def test_without_pip_a_training_is_recorded_without_a_word(
+    folder: Path,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("mlflow.utils.environment._get_package_version", lambda name: None)
+    record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("place", ["s3://bucket", "mlflow-artifacts:/1", "file:///files"])
@@ -121,6 +147,20 @@ def test_reading_a_store_that_is_not_there_names_the_command_that_makes_one(fres
     with pytest.raises(InputError, match=r"no tracking store at .*mlflow\.db.*prolearn train"):
         list_versions()
     assert not (fresh / "mlflow.db").exists()
+
+
+def test_a_store_in_a_place_that_is_read_only_is_read_and_not_written(
+    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    made = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    (folder / "mlflow.db.lock").unlink()
+    before = sorted(folder.rglob("*"))
+    with read_only(folder):
+        assert list_versions() == [made]
+        assert load("ff1")[1] == made
+        with pytest.raises(ProlearnError, match=r"Permission denied.*can be read and written"):
+            connect()
+    assert sorted(folder.rglob("*")) == before
 
 
 def test_a_file_that_is_no_database_gives_a_sentence(fresh: Path) -> None:

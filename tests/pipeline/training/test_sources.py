@@ -144,3 +144,10 @@ def test_crowded_scenarios_are_learned_from_with_those_of_the_dataset(tmp_path, 
     assert sum(len(batch) for batch in seen) == len(known)
     planned = [part.states for part in learn.parts() if part.states is not None]
     assert sum(int(np.isfinite(one).all()) for part in planned for one in part) == len(plain)
+
+
+def test_a_network_that_learns_in_float64_is_refused_a_device_without_it():
+    examples = valid(2)
+    preparation = Preparation(find("refiner"), fit(examples, "line", "offset"), torch.device("mps"))
+    with pytest.raises(InputError, match="device is mps, which has no float64"):
+        preparation.of(examples)
