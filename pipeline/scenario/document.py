@@ -37,7 +37,7 @@ class ScenarioDocument(BaseModel):
     z cross-track.
     """
 
-    model_config = strict(one_of(mean_motion="number", altitude="number"))
+    model_config = strict(one_of(mean_motion="number", altitude="number", orbit="object"))
 
     schema_name: Literal["prolearn.scenario/1"] = Field(
         alias="schema", description="Name and version of this format."
