@@ -92,6 +92,7 @@ def monte_carlo(
     """
     check_kind("plan", plan, Plan)
     check_kind("errors", errors, Errors)
+    check_kind("replan", replan, str | Planner | None)
     asked = plan.scenario
     refuse_distance(asked, plan.controls)
     check_range("size", size, 0.0, FURTHEST)

@@ -81,6 +81,21 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.Spacecraft(mass="1"), "mass is '1'; expected a number from"),
         (lambda: prolearn.Box("abc", (1, 1, 1)), "min of a box is abc; expected 3 finite"),
         (lambda: replace(swap(), reference=1), "reference is 1; expected a Reference"),
+        (lambda: swap(orbit=7e6), "orbit is 7000000.0; expected ReferenceOrbit or None"),
+        (lambda: swap(orbit=prolearn.ReferenceOrbit(7e6), altitude=7e5), "give one of .* altitude"),
+        (lambda: prolearn.draw("rings", 0, 4, 0, None), "problem is None; expected Problem"),
+        (lambda: replace(swap(), name=5), "name is 5; expected str"),
+        (lambda: replace(swap(), name=Path("a")), r"name is \w+\('a'\); expected str"),
+        (lambda: prolearn.planner(None), "planner is None; expected str"),
+        (lambda: prolearn.planner("expert", 1e-3), "requirements is 0.001; expected Requirements"),
+        (lambda: prolearn.plan_all(swap()), "scenarios is Scenario.*; expected a list of Scenario"),
+        (lambda: prolearn.plan_all([swap()], 5), "planner is 5; expected str or Planner"),
+        (lambda: prolearn.tradeoff(swap(), "20", 1800), "duration is 20 to 1800 s; expected"),
+        (lambda: prolearn.write_scenario(swap(), "s.json"), "scenario is 's.json'; expected"),
+        (lambda: prolearn.read_scenario(5), "path is 5; expected str or PathLike"),
+        (lambda: prolearn.read_plan(None), "path is None; expected str or PathLike"),
+        (lambda: prolearn.read_dataset(5, 3), "path is 5; expected str or PathLike"),
+        (lambda: prolearn.scenario_from_files(5, "b"), "path is 5; expected str or PathLike"),
     ],
 )
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
@@ -225,6 +240,24 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         prolearn.plan(plan.scenario, prolearn.planner("decoupled-optimum"), **options)
 
 
+class Nearly:
+    """All of a planner but its requirements."""
+
+    name = "nearly"
+
+    def plan(self, scenarios):
+        return prolearn.planner("straight-line").plan(scenarios)
+
+
+class Straight(Nearly):
+    requirements = prolearn.Requirements()
+
+
+def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
+    assert prolearn.plan(plan.scenario, Straight()).planner == "straight line"
+    assert prolearn.monte_carlo(plan, 1, replan=Straight()).summaries[1].planner == "nearly"
+
+
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
@@ -253,6 +286,17 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         (lambda p: prolearn.read_dataset("ds", "3"), "n is '3'; expected a whole number"),
         (lambda p: prolearn.read_dataset("ds", 3, columns="fuel"), "columns is 'fuel'; expected a"),
         (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),
+        (lambda p: prolearn.plan(p.scenario, None), "planner is None; expected str or Planner"),
+        (lambda p: prolearn.plan(p.scenario, 5, raw=True), "planner is 5; expected str or Planner"),
+        (lambda p: prolearn.monte_carlo(p, 2, replan=Nearly()), "replan is .*expected str or Plan"),
+        (lambda p: prolearn.write_plan(p, "plan.json"), "plan is 'plan.json'; expected Plan"),
+        (lambda p: prolearn.write_plan(5, p), "path is 5; expected str or PathLike"),
+        (lambda p: prolearn.convert(p.scenario, "csv", "p.csv"), "plan is Scenario.*expected Plan"),
+        (lambda p: prolearn.convert(p, "csv", None), "path is None; expected str or PathLike"),
+        (lambda p: prolearn.convert(p, "burns", "b", mass=iter([4.0] * 6)), "mass is <.*; exp"),
+        (lambda p: prolearn.convert(p, "burns", "b", mass=[[1], [2, 3]]), "mass is .1., .2, 3.; e"),
+        (lambda p: prolearn.plot(p).write(5), "path is 5; expected str or PathLike"),
+        (lambda p: prolearn.show(p).write(None), "path is None; expected str or PathLike"),
     ],
 )
 def test_what_makes_no_sense_is_a_sentence(plan, tmp_path, monkeypatch, ask, words):
