@@ -232,6 +232,15 @@ def test_formations_that_nothing_can_start_from_are_refused():
         prolearn.plan(close)
 
 
+def test_ends_that_drift_are_refused_with_cures_that_work_in_python():
+    drifting = prolearn.Scenario(prolearn.Problem(), [[0, 0, 0, 0, 0.01, 0]], [[0, 90, 0, 0, 0, 0]])
+    for ask in (prolearn.plan, lambda one: prolearn.plan_all([one])):
+        with pytest.raises(InputError, match=r'say "ends": "any" .*allow_drift=True'):
+            ask(drifting)
+    assert prolearn.plan(drifting, allow_drift=True).status == "solved"
+    assert prolearn.plan_all([replace(drifting, ends="any")])[0].status == "solved"
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
