@@ -345,6 +345,11 @@ def test_what_is_printed_is_short_and_says_what_matters(plan):
     said = repr(plan)
     assert said.startswith("Plan(6 craft by expert, solved; Δv ") and len(said) < 120
     assert f"{plan.certificate.min_separation:.2f} m" in said
+    effect = prolearn.fly(plan)[-1]
+    assert repr(effect).startswith("Effect(name='J2', nearest=Separation(")
+    flown = prolearn.monte_carlo(plan, 2)
+    for one in (effect, flown, *flown.summaries, prolearn.planner("refiner"), plan.scenario):
+        assert len(repr(one)) < 1000 and "array" not in repr(one)
 
 
 def test_a_plan_is_read_as_it_was_written(plan, tmp_path):
