@@ -418,21 +418,11 @@ class RiskSettings:
                 "--closed-loop is given without --risk; expected the probability that craft may "
                 "come too close with it, such as --risk 1e-3 --navigation-sigma 0.2."
             )
-        errors = given.keys() - {"asked", "closed_loop"}
         if self.asked is None:
             what = "a sigma is" if self.errors is None else "--errors is"
             raise InputError(
                 f"{what} given without --risk; expected the probability that craft may come too "
                 "close with it, such as --risk 1e-3."
-            )
-        if self.errors is not None and len(errors) > 1:
-            raise InputError(
-                f"--errors is {self.errors} and a sigma is given besides; expected one of the two."
-            )
-        if all(given[name] in (0, "none") for name in errors):
-            raise InputError(
-                f"--risk is {self.asked:g} and no error is given; expected --navigation-sigma, "
-                "--thrust-sigma, --velocity-sigma or several of them with it, or --errors cold-gas."
             )
         if self.errors is not None:
             from pipeline.flight.errors import PRESETS

@@ -12,12 +12,18 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_kind
 from pipeline.text import visible
 
 STDIO = Path("-")  # instead of a file: standard input or standard output
 # Names of files that are not finished yet: that of the file, and one of its own
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
+
+
+def path_of(given: str | os.PathLike[str]) -> Path:
+    """The path that is given as one or as text; InputError for anything else."""
+    check_kind("path", given, str | os.PathLike)
+    return Path(given)
 
 
 def unfinished(path: Path) -> Path | None:

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_choice, check_whole
+from pipeline.errors import InputError, check_choice, check_whole, is_number
 from pipeline.figures import style
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
@@ -66,8 +66,8 @@ class Point:
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
     """At most ``steps`` numbers of arcs over a range of durations, s; InputError if none fits."""
     check_whole("steps", steps, 1, MOST_NODES)
-    if not isfinite(first) or not isfinite(last):
-        raise InputError(f"duration is {first:g} to {last:g} s; expected finite numbers.")
+    if not all(is_number(one) and isfinite(one) for one in (first, last)):
+        raise InputError(f"duration is {first} to {last} s; expected finite numbers.")
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)
     if least < FEWEST:
         raise InputError(

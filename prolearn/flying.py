@@ -1,7 +1,7 @@
 """Fly plans outside the linear model: once, or in a Monte Carlo with errors."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
@@ -49,7 +49,8 @@ class MonteCarlo:
 
     plan: Plan
     size: float  # distance of two craft's centres at which they may touch, m
-    trials: Mapping[str, Trials]  # by loop: columns of a value a trial, SI units
+    # by loop: columns of a value a trial, SI units
+    trials: Mapping[str, Trials] = field(repr=False)
     summaries: tuple[Summary, ...]  # of each loop: shares with intervals, medians
 
     def figure(self) -> Figure:
@@ -92,6 +93,7 @@ def monte_carlo(
     """
     check_kind("plan", plan, Plan)
     check_kind("errors", errors, Errors)
+    check_kind("replan", replan, str | Planner | None)
     asked = plan.scenario
     refuse_distance(asked, plan.controls)
     check_range("size", size, 0.0, FURTHEST)

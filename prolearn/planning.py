@@ -54,14 +54,13 @@ def plan(
         scenario = _in_world(scenario, world)
     asked = Requirements(separation, passive_safety, risk)
     options: dict[str, Any] = {"effort": effort, "raw": raw, "assignment": assignment}
-    if isinstance(planner, str):
-        planner = planner_of(planner, asked, **options)
-    elif (asked, *options.values()) != (Requirements(), None, False, "given"):
+    chosen = planner_from(planner, asked, **options)
+    if chosen is planner and (asked, *options.values()) != (Requirements(), None, False, "given"):
         raise InputError(
-            f"the planner {planner.name} is given with options of one, which it has its own of; "
+            f"the planner {chosen.name} is given with options of one, which it has its own of; "
             "expected its name with them, or the planner alone."
         )
-    return (AsFlown(planner) if world else planner).plan([scenario])[0]
+    return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
 
 
 def _in_world(scenario: Scenario, world: Conditions | bool) -> Scenario:
@@ -80,7 +79,7 @@ def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -
     Raises:
         InputError: where problems differ, or sizes for a network, and as in ``plan``.
     """
-    scenarios = list(scenarios)
+    scenarios = list(scenarios) if isinstance(scenarios, Iterable) else scenarios
     check_each("scenarios", scenarios, Scenario)
     for one in scenarios:
         refuse_formations(one)
@@ -116,6 +115,9 @@ def tradeoff(
     return planned_for(scenario, arcs, planner_from(planner), goal)
 
 
-def planner_from(given: str | Planner, requirements: Requirements = AT_ALL_TIMES) -> Planner:
-    """A planner object as it is, or the planner of a name with some requirements."""
-    return planner_of(given, requirements) if isinstance(given, str) else given
+def planner_from(
+    given: str | Planner, requirements: Requirements = AT_ALL_TIMES, **options: Any
+) -> Planner:
+    """A planner object as it is, or the planner of a name with some requirements and options."""
+    check_kind("planner", given, str | Planner)
+    return planner_of(given, requirements, **options) if isinstance(given, str) else given

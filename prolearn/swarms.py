@@ -9,6 +9,8 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 
 from pipeline.arrays import Array
+from pipeline.errors import check_kind
+from pipeline.files import path_of
 from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -54,7 +56,7 @@ def scenario(
     initial: Sequence[Ring] | Sequence[Sequence[float]] | Array,
     goal: Sequence[Ring] | Sequence[Sequence[float]] | Array,
     *,
-    altitude: float = 500e3,
+    altitude: float | None = None,
     orbit: ReferenceOrbit | None = None,
     ends: Ends = "passive",
     time_step: float = Problem.time_step,
@@ -74,7 +76,7 @@ def scenario(
     Args:
         initial: rings, whose craft follow on, or a row x y z vx vy vz for each craft.
         goal: likewise, of the same craft in the same order.
-        altitude: of the circular reference orbit, m.
+        altitude: of the circular reference orbit, m; by default 500 km.
         orbit: instead, one that is no circle or has perturbations.
         ends: passive, on orbits that do not drift, or any.
         time_step: length of an interval of constant control, s.
@@ -93,9 +95,11 @@ def scenario(
     Raises:
         InputError: naming the field that is missing or wrong.
     """
-    about = {"altitude": altitude} if orbit is None else {"orbit": OrbitDocument.of(orbit)}
+    check_kind("orbit", orbit, ReferenceOrbit | None)
     fields = {
-        **about,
+        "mean_motion": Problem.mean_motion if altitude is None and orbit is None else None,
+        "altitude": altitude,
+        "orbit": orbit and OrbitDocument.of(orbit),
         "ends": ends,
         "time_step": time_step,
         "nodes": nodes,
@@ -160,10 +164,10 @@ def scenario_from_files(
     grid = Problem(Problem.mean_motion, time_step, nodes, collision_radius, max_acceleration)
     at = None if epoch is None else utc_epoch(epoch)
     made = scenario_from_inertial(
-        read_inertial(Path(initial)),
-        read_inertial(Path(goal)),
+        read_inertial(path_of(initial)),
+        read_inertial(path_of(goal)),
         grid,
-        chief=None if chief is None else read_inertial(Path(chief)),
+        chief=None if chief is None else read_inertial(path_of(chief)),
         epoch=at,
         j2=j2,
         ballistic=ballistic,

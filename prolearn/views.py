@@ -17,7 +17,7 @@ from pipeline.errors import InputError, check_kind, told_which_extra
 from pipeline.figures.labels import label_name
 from pipeline.figures.style import in_style, save
 from pipeline.figures.transfer import Example, transfer_figure
-from pipeline.files import write_text
+from pipeline.files import path_of, write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan import Plan
 from pipeline.scenario import Scenario
@@ -38,8 +38,9 @@ class Page:
 
     def write(self, path: str | Path) -> Path:
         """Write it into a file, which appears whole."""
-        write_text(Path(path), self.html)
-        return Path(path)
+        target = path_of(path)
+        write_text(target, self.html)
+        return target
 
     def _repr_html_(self) -> str:
         inside = escape(self.html, quote=True)
@@ -58,7 +59,7 @@ class Plot:
 
     def write(self, path: str | Path) -> Path:
         """Write it into a file, which appears whole, as its ending says: .png or .svg."""
-        target = Path(path)
+        target = path_of(path)
         if target.suffix not in (".png", ".svg"):
             raise InputError(f"the figure is to be {target}; expected a name in .png or .svg.")
         save(self.figure, target.with_suffix(""), [target.suffix])
@@ -157,7 +158,8 @@ def convert(
     """
     from pipeline.export import write_plan_as
 
-    target = Path(path)
+    check_kind("plan", plan, Plan)
+    target = path_of(path)
     with told_which_extra():
         return write_plan_as(
             to, plan, target, target.name, mass=mass, specific_impulse=specific_impulse

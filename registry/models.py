@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from json import dumps
 from typing import Any
@@ -57,9 +57,11 @@ class ModelVersion:
     aliases: tuple[str, ...]  # such as champion
     dataset_digest: str  # of the rows that it was trained on
     created: datetime  # when it was registered
-    params: Mapping[str, str]  # of the run
-    metrics: Mapping[str, float]  # latest values of the run, evaluations included
-    tags: Mapping[str, str]  # of the run, such as the versions of what it was made with
+    params: Mapping[str, str] = field(repr=False)  # of the run
+    # latest values of the run, evaluations included
+    metrics: Mapping[str, float] = field(repr=False)
+    # of the run, such as the versions of what it was made with
+    tags: Mapping[str, str] = field(repr=False)
     contest: str = ""  # how the comparison with the champion ended; empty where none was made
     weights: str = ""  # digest of the model; empty where an earlier version registered it
 

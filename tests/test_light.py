@@ -70,6 +70,22 @@ def link(found, packages):
                 place.symlink_to(path)  # the tests may lie on another file system
 
 
+def test_types_are_seen_where_it_is_installed_in_place(light, tmp_path, monkeypatch):
+    monkeypatch.delenv("PYTHONPATH", raising=False)  # by which mypy would find these files
+    (tmp_path / "use.py").write_text("import prolearn\nasked: int = prolearn.read_plan('p.json')\n")
+    made = run(sys.executable, "-m", "venv", "--without-pip", "venv", folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    (packages,) = tmp_path.glob("venv/lib/python*/site-packages")
+    install = ("install", "--quiet", "--no-deps", "--no-build-isolation", "--target", packages)
+    editable = ("--editable", light / "source")
+    done = run(sys.executable, "-m", "pip", *install, *editable, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    options = ("--strict", "--python-executable", "venv/bin/python")
+    done = run(sys.executable, "-m", "mypy", *options, "use.py", folder=tmp_path)
+    (fault, _) = done.stdout.splitlines()
+    assert 'expression has type "Plan", variable has type "int"' in fault, done.stdout
+
+
 @pytest.fixture(scope="module")
 def rings(light):
     """A scenario that it made."""

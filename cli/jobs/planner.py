@@ -2,7 +2,7 @@
 
 import re
 
-from pipeline.errors import InputError, check_choice, told_which_extra
+from pipeline.errors import InputError, check_choice, check_kind, told_which_extra
 from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.networks.recipes import architecture_names
 from pipeline.plan import AT_ALL_TIMES, Requirements
@@ -35,6 +35,8 @@ def planner_of(
     Raises:
         InputError: for a name that no planner has, or an option that it has no use for.
     """
+    check_kind("planner", name, str)
+    check_kind("requirements", requirements, Requirements)
     check_choice("assignment", assignment, ("given", "optimal"))
     if effort is not None:
         check_choice("effort", effort, EFFORTS)

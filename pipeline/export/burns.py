@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as brief
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError
+from pipeline.errors import InputError, is_number
 from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import write_rows
 from pipeline.orbit.thrust_cost import cost_within
@@ -43,14 +44,16 @@ class Masses:
 
 
 def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:
-    values = np.atleast_1d(np.asarray(given, dtype=float))
-    if values.shape not in ((1,), (n,)) or not (np.isfinite(values) & (values > 0)).all():
-        said = ", ".join(f"{value:g}" for value in values.ravel()[:4].tolist())
+    values = np.atleast_1d(np.array(given, dtype=object))
+    fine = all(is_number(one) and 0 < one < np.inf for one in values.flat)
+    if not fine or values.shape not in ((1,), (n,)):
+        few = values.ravel()[:4].tolist()
+        said = ", ".join(f"{one:g}" if is_number(one) else brief(one) for one in few)
         raise InputError(
             f"{name} is {said}{', ...' if values.size > 4 else ''}; expected a positive number for "
             f"all craft, or one for each of {n}."
         )
-    return np.broadcast_to(values, n).copy()
+    return np.broadcast_to(values.astype(float), n).copy()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """A plan's controls flown open loop, with one effect more each time, and how much each adds."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import reduce
 from itertools import groupby
 from typing import Any
@@ -40,12 +40,14 @@ class Effect:
     """
 
     name: str  # "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag"
-    states: States  # at the nodes, LVLH, m and m/s
+    states: States = field(repr=False)  # at the nodes, LVLH, m and m/s
     nearest: Separation  # the least separation of any pair at any time
-    errors: Formation  # state at the end minus goal, m and m/s
-    added: Formation  # to the errors by this effect; their sum is the last errors
+    errors: Formation = field(repr=False)  # state at the end minus goal, m and m/s
+    # to the errors by this effect; their sum is the last errors
+    added: Formation = field(repr=False)
     share: float | None  # None where nothing but rounding is left
-    obstacles: Float[Array, "m T 6"]  # at the nodes, as they drift in that world, or are held
+    # at the nodes, as they drift in that world, or are held
+    obstacles: Float[Array, "m T 6"] = field(repr=False)
     # by how much craft and obstacles are further apart than their sizes ask for; None without any
     clearance: Clearance | None = None
     corridor: CorridorMargin | None = None  # how far inside of their corridors craft stay

@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pipeline.documents import DIALECT, read_document, write_document
-from pipeline.errors import InputError
+from pipeline.errors import InputError, check_kind
+from pipeline.files import path_of
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import Separation
@@ -147,7 +148,8 @@ def plan_document(plan: Plan) -> dict[str, Any]:
 
 def write_plan(path: Path | str, plan: Plan) -> None:
     """Write a plan file, a line for each node of each craft."""
-    write_document(Path(path), plan_document(plan))
+    check_kind("plan", plan, Plan)
+    write_document(path_of(path), plan_document(plan))
 
 
 def read_plan(path: Path | str) -> Plan:
@@ -157,7 +159,7 @@ def read_plan(path: Path | str) -> Plan:
         InputError: where the file cannot be read, a field is missing or wrong, by its name, or the
             scenario is missing, as in files of version 1.
     """
-    path = Path(path)
+    path = path_of(path)
     document = read_document(path, PlanDocument, WHAT)
     if document.scenario is None:
         raise InputError(

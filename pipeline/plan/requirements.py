@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-import numpy as np
-
-from pipeline.errors import InputError, is_number
-from pipeline.orbit.covariance import Uncertainty
+from pipeline.errors import InputError, check_kind, check_range, is_number
+from pipeline.orbit.covariance import MOST, Uncertainty
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import Scenario
 
@@ -16,6 +14,12 @@ Separation = Literal["continuous", "nodes"]
 
 MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
 LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
+# Sigmas of a limit on the risk, each with the error whose range is its own
+SIGMAS = {
+    "navigation_sigma": "position",
+    "thrust_sigma": "magnitude",
+    "velocity_sigma": "velocity",
+}
 
 
 @dataclass(frozen=True)
@@ -35,31 +39,41 @@ class RiskLimit:
     """
 
     asked: float
-    navigation_sigma: float = 0.0
-    thrust_sigma: float = 0.0
+    navigation_sigma: float | None = None
+    thrust_sigma: float | None = None
     velocity_sigma: float | None = None
     closed_loop: bool = False
     errors: Uncertainty | None = None
 
     def __post_init__(self) -> None:
-        if not LEAST <= self.asked < 1:
+        if not (is_number(self.asked) and LEAST <= self.asked < 1):
             raise InputError(
-                f"risk is {self.asked:g}; expected a probability of at least {LEAST:g} and less "
-                "than 1, such as 0.001."
+                f"risk is {_said(self.asked)}; expected a probability of at least {LEAST:g} and "
+                "less than 1, such as 0.001."
             )
-        for name in ("navigation_sigma", "thrust_sigma", "velocity_sigma"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name} is {value:g}; expected a number of 0 or more.")
+        check_kind("errors", self.errors, Uncertainty | None)
+        sigmas = [name for name in SIGMAS if getattr(self, name) is not None]
+        if self.errors is not None and sigmas:
+            raise InputError(
+                "errors are given, and a sigma is given besides; expected one of the two."
+            )
+        for name in sigmas:
+            check_range(name, getattr(self, name), 0.0, MOST[SIGMAS[name]])
+        if self.uncertainty(Problem()) == Uncertainty():
+            raise InputError(
+                f"risk is {self.asked:g} and no error is given; expected a navigation, thrust or "
+                "velocity sigma above 0 with it, or errors such as those of cold gas."
+            )
 
     def uncertainty(self, problem: Problem) -> Uncertainty:
         """The 1-σ errors of a problem's craft."""
         if self.errors is not None:
             return self.errors.gaussian(problem.time_step)
+        position, thrust = self.navigation_sigma or 0.0, self.thrust_sigma or 0.0
         velocity = self.velocity_sigma
         if velocity is None:
-            velocity = problem.mean_motion * self.navigation_sigma
-        return Uncertainty(self.navigation_sigma, velocity, self.thrust_sigma, self.thrust_sigma)
+            velocity = problem.mean_motion * position
+        return Uncertainty(position, velocity, thrust, thrust)
 
 
 @dataclass(frozen=True)
@@ -88,9 +102,8 @@ class Requirements:
             )
         orbits = self.passive_safety
         if orbits is not None and not (is_number(orbits) and 0 < orbits <= MOST_ORBITS):
-            given = f"{orbits:g}" if is_number(orbits) else repr(orbits)
             raise InputError(
-                f"passive safety is asked for over {given} orbits; expected a "
+                f"passive safety is asked for over {_said(orbits)} orbits; expected a "
                 f"number above 0 and at most {MOST_ORBITS:g}."
             )
         if self.risk is not None and not isinstance(self.risk, RiskLimit):
@@ -115,6 +128,10 @@ class Requirements:
     def nominal(self) -> "Requirements":
         """What is asked of the flight without errors."""
         return replace(self, risk=None)
+
+
+def _said(given: object) -> str:
+    return f"{given:g}" if is_number(given) else repr(given)
 
 
 AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides

@@ -7,8 +7,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field, model_validator
 
 from pipeline.documents import DIALECT, document_from, read_document, write_document
-from pipeline.errors import told_where
-from pipeline.files import stem_of
+from pipeline.errors import check_kind, told_where
+from pipeline.files import path_of, stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.thrust import Objective, Thrust
@@ -37,7 +37,7 @@ class ScenarioDocument(BaseModel):
     z cross-track.
     """
 
-    model_config = strict(one_of(mean_motion="number", altitude="number"))
+    model_config = strict(one_of(mean_motion="number", altitude="number", orbit="object"))
 
     schema_name: Literal["prolearn.scenario/1"] = Field(
         alias="schema", description="Name and version of this format."
@@ -158,7 +158,7 @@ class ScenarioDocument(BaseModel):
 
 def read_scenario(path: Path | str) -> Scenario:
     """The scenario in a file; InputError names a field that is missing or wrong."""
-    path = Path(path)
+    path = path_of(path)
     return read_document(path, ScenarioDocument, WHAT).scenario_of(path)
 
 
@@ -198,7 +198,8 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
 
 def write_scenario(path: Path | str, scenario: Scenario) -> None:
     """Write a scenario file, a line for each state."""
-    write_document(Path(path), document_of(scenario))
+    check_kind("scenario", scenario, Scenario)
+    write_document(path_of(path), document_of(scenario))
 
 
 def scenario_from(fields: Mapping[str, Any], name: str) -> Scenario:

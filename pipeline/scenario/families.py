@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError, is_whole
+from pipeline.errors import InputError, check_kind, is_whole
 from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
@@ -70,6 +70,7 @@ def draw_many(
             passively safe formation of n craft was found.
     """
     check_family(family)
+    check_kind("problem", problem, Problem)
     seed, n, which = _integer(seed), _integer(n), [(split, _integer(k)) for split, k in which]
     if not 1 <= n <= MOST_CRAFT:
         raise InputError(f"n is {n}; expected 1 to {MOST_CRAFT} spacecraft.")

@@ -36,7 +36,10 @@ class RingDocument(BaseModel):
     motion with the same mean relative orbital elements.
     """
 
-    model_config = strict(one_of(craft="integer", phases_deg="array"))
+    model_config = strict(
+        one_of(craft="integer", phases_deg="array")
+        | {"dependentRequired": {"first_phase_deg": ["craft"]}}
+    )
 
     craft: Annotated[int, Field(ge=1, le=MOST_CRAFT), BeforeValidator(number)] | None = Field(
         None, description="Number of craft, equally spaced in phase."
@@ -263,7 +266,28 @@ class CorridorDocument(BaseModel):
 class WaypointDocument(BaseModel):
     """A place that a craft must pass on its way, at a node, or a formation that all must be in."""
 
-    model_config = strict()
+    model_config = strict(
+        {
+            "oneOf": [
+                {
+                    "required": ["craft", "position"],
+                    "properties": {
+                        "craft": {"type": "integer"},
+                        "position": {"type": "array"},
+                        "formation": {"type": "null"},
+                    },
+                },
+                {
+                    "required": ["formation", "time"],
+                    "properties": {
+                        "formation": {"type": ["array", "object"]},
+                        "time": {"type": "number"},
+                        **dict.fromkeys(("craft", "position", "velocity"), False),
+                    },
+                },
+            ]
+        }
+    )
 
     craft: Annotated[int, Field(ge=0), BeforeValidator(number)] | None = Field(
         None, description="Number of the craft."

@@ -68,6 +68,7 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse states that do not describe two formations of the same craft."""
         check_kind("problem", self.problem, Problem)
+        check_kind("name", self.name, str)
         check_choice("ends", self.ends, get_args(Ends))
         for name, kind in PARTS.items():
             check_each(name, getattr(self, name), kind)

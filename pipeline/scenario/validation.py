@@ -28,6 +28,11 @@ ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
 APART, MATCHED, INSIDE = "craft apart", "energy-matched", "inside corridors"
 PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
 WAYPOINTS = "waypoints apart"
+# What to do where craft drift and are meant to
+DRIFTING = (
+    'say "ends": "any" where craft are meant to drift, or allow it for a plan (--allow-drift, in '
+    "Python allow_drift=True)"
+)
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
         for case in () if allow_drift else _matched(end, states, problem).cases:
             raise InputError(
                 f"{case.text}; expected 0 within {_tolerance(problem)} (energy matching): "
-                f"set vy to {case.numbers['vy_wanted']:.9g}, or give --allow-drift."
+                f"set vy to {case.numbers['vy_wanted']:.9g}, or {DRIFTING}."
             )
 
 
@@ -221,7 +226,7 @@ def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
     )
     if cases:
         text = f"craft that drift along-track: {len(cases)}"
-        cure = "give them that vy, or plan with --allow-drift"
+        cure = f"give them that vy, or {DRIFTING}"
         return Diagnostic(MATCHED, end, text, cases, cure)
     text = f"no craft drifts by more than {np.abs(drift).max():.3f} m an orbit"
     return Diagnostic(MATCHED, end, text)
@@ -246,7 +251,7 @@ def _bounded(end: str, states: Formation, problem: Problem) -> Diagnostic:
     if not cases:
         return Diagnostic(MATCHED, end, text)
     text = f"craft that drift by more than {_most_drift(problem):.2g} m an orbit: {len(cases)}"
-    cure = 'give them that vy, or say "ends": "any" where they are meant to'
+    cure = f"give them that vy, or {DRIFTING}"
     return Diagnostic(MATCHED, end, text, cases, cure)
 
 

@@ -28,6 +28,12 @@ VERSION = ModelVersion(
 )
 
 
+def test_a_version_is_printed_without_what_its_run_holds() -> None:
+    said = repr(VERSION)
+    assert "name='prolearn-lstmcol', version=12" in said
+    assert len(said) < 400 and "valid_position_rmse" not in said
+
+
 def listed(monkeypatch: pytest.MonkeyPatch, *versions: ModelVersion) -> list[str]:
     monkeypatch.setattr(models, "list_versions", lambda: list(versions))
     done = CliRunner().invoke(app, ["models", "list"], env={"COLUMNS": "80"})

@@ -73,6 +73,16 @@ def test_json_is_all_there_is_on_standard_output(prolearn, scenario):
         assert 0 <= point["optimality_gap"] < 0.05
 
 
+def test_points_have_what_the_page_says_and_plan_has(prolearn, tmp_path):
+    write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
+    (planned,) = json.loads(prolearn("plan", "s.json", "--out", "p.json", "--json").stdout)
+    traded = json.loads(prolearn("tradeoff", "s.json", "--duration", "20..22min", "--json").stdout)
+    page = (Path(__file__).parents[2] / "docs/cli.md").read_text(encoding="utf-8")
+    row = page.split("| `prolearn tradeoff` | ")[1].split(" |\n")[0].split("of each ")[1]
+    own, besides = (re.findall(r"`(\w+)`", part) for part in row.split("what else `plan` has but"))
+    assert set(traded["points"][0]) == {*own, *planned} - {*besides}
+
+
 def test_only_safe_plans_are_files_and_those_of_an_earlier_range_go(prolearn, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 5, 10, 0, Problem(), "valid"))
     asked = ("tradeoff", "s.json", "--planner", "decoupled-optimum", "--out", "trade")

@@ -61,6 +61,18 @@ def test_what_the_readme_shows_in_python_works(tmp_path, monkeypatch):
         example.evaluate()
 
 
+def test_the_swarm_of_the_readme_is_planned_and_flown_line_by_line(forked, tmp_path):
+    """With a few trials; exit status 1 is that of plans and flights that are not safe."""
+    page = (ROOT / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    section = page.partition("## A swarm of your own")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("prolearn ")]
+    assert len(lines) > 15
+    for line in lines:
+        words = shlex.split(line.replace("--trials 1000", "--trials 2"), comments=True)
+        done = forked.run(words[1:], tmp_path, os.environ | {"LOKY_MAX_CPU_COUNT": "1"})
+        assert done.returncode in (0, 1), f"{line}: {done.stderr}"
+
+
 def test_the_site_is_built_without_a_warning():
     """As by `make docs`, after which pages that have not changed are not made again."""
     name = ("--name", "prolearn", "--title", "Commands", "--output", "docs/commands.md")

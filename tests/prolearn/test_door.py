@@ -65,6 +65,13 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.show(swap()), "plan is Scenario.*; expected Plan"),
         (lambda: prolearn.scenario_from_files("a", "b", epoch=5), "epoch is 5; expected a date"),
         (lambda: prolearn.plan(swap(), risk=1e-3), "risk is 0.001; expected a RiskLimit"),
+        (lambda: prolearn.RiskLimit(1e-3), "risk is 0.001 and no error is given"),
+        (lambda: prolearn.RiskLimit(1e-3, 0.0, 0.0, 0.0), "no error is given"),
+        (lambda: prolearn.RiskLimit(1e-3, errors=prolearn.Errors(missed=0.1)), "no error is given"),
+        (lambda: prolearn.RiskLimit(1e-3, 0.1, errors=prolearn.COLD_GAS), "a sigma is given besid"),
+        (lambda: prolearn.RiskLimit("1e-3", 0.1), "risk is '1e-3'; expected a probability"),
+        (lambda: prolearn.RiskLimit(1e-3, "0.1"), "navigation_sigma is '0.1'; expected a number"),
+        (lambda: prolearn.RiskLimit(1e-3, errors="cold-gas"), "errors is 'cold-gas'; expected Un"),
         (lambda: prolearn.tradeoff(swap(), NAN, 1200), "duration is nan to 1200 s"),
         (lambda: Reference(NOON.replace(tzinfo=None), 51.6, 0, 0), "12:00:00; expected a datetime"),
         (lambda: Reference(NOON.replace(year=1900), 51.6, 0, 0), "between 1960 and 2200"),
@@ -81,6 +88,21 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.Spacecraft(mass="1"), "mass is '1'; expected a number from"),
         (lambda: prolearn.Box("abc", (1, 1, 1)), "min of a box is abc; expected 3 finite"),
         (lambda: replace(swap(), reference=1), "reference is 1; expected a Reference"),
+        (lambda: swap(orbit=7e6), "orbit is 7000000.0; expected ReferenceOrbit or None"),
+        (lambda: swap(orbit=prolearn.ReferenceOrbit(7e6), altitude=7e5), "give one of .* altitude"),
+        (lambda: prolearn.draw("rings", 0, 4, 0, None), "problem is None; expected Problem"),
+        (lambda: replace(swap(), name=5), "name is 5; expected str"),
+        (lambda: replace(swap(), name=Path("a")), r"name is \w+\('a'\); expected str"),
+        (lambda: prolearn.planner(None), "planner is None; expected str"),
+        (lambda: prolearn.planner("expert", 1e-3), "requirements is 0.001; expected Requirements"),
+        (lambda: prolearn.plan_all(swap()), "scenarios is Scenario.*; expected a list of Scenario"),
+        (lambda: prolearn.plan_all([swap()], 5), "planner is 5; expected str or Planner"),
+        (lambda: prolearn.tradeoff(swap(), "20", 1800), "duration is 20 to 1800 s; expected"),
+        (lambda: prolearn.write_scenario(swap(), "s.json"), "scenario is 's.json'; expected"),
+        (lambda: prolearn.read_scenario(5), "path is 5; expected str or PathLike"),
+        (lambda: prolearn.read_plan(None), "path is None; expected str or PathLike"),
+        (lambda: prolearn.read_dataset(5, 3), "path is 5; expected str or PathLike"),
+        (lambda: prolearn.scenario_from_files(5, "b"), "path is 5; expected str or PathLike"),
     ],
 )
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
@@ -210,6 +232,15 @@ def test_formations_that_nothing_can_start_from_are_refused():
         prolearn.plan(close)
 
 
+def test_ends_that_drift_are_refused_with_cures_that_work_in_python():
+    drifting = prolearn.Scenario(prolearn.Problem(), [[0, 0, 0, 0, 0.01, 0]], [[0, 90, 0, 0, 0, 0]])
+    for ask in (prolearn.plan, lambda one: prolearn.plan_all([one])):
+        with pytest.raises(InputError, match=r'say "ends": "any" .*allow_drift=True'):
+            ask(drifting)
+    assert prolearn.plan(drifting, allow_drift=True).status == "solved"
+    assert prolearn.plan_all([replace(drifting, ends="any")])[0].status == "solved"
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -223,6 +254,24 @@ def test_formations_that_nothing_can_start_from_are_refused():
 def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, words):
     with pytest.raises(InputError, match=words):
         prolearn.plan(plan.scenario, prolearn.planner("decoupled-optimum"), **options)
+
+
+class Nearly:
+    """All of a planner but its requirements."""
+
+    name = "nearly"
+
+    def plan(self, scenarios):
+        return prolearn.planner("straight-line").plan(scenarios)
+
+
+class Straight(Nearly):
+    requirements = prolearn.Requirements()
+
+
+def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
+    assert prolearn.plan(plan.scenario, Straight()).planner == "straight line"
+    assert prolearn.monte_carlo(plan, 1, replan=Straight()).summaries[1].planner == "nearly"
 
 
 @pytest.mark.parametrize(
@@ -253,6 +302,17 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
         (lambda p: prolearn.read_dataset("ds", "3"), "n is '3'; expected a whole number"),
         (lambda p: prolearn.read_dataset("ds", 3, columns="fuel"), "columns is 'fuel'; expected a"),
         (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),
+        (lambda p: prolearn.plan(p.scenario, None), "planner is None; expected str or Planner"),
+        (lambda p: prolearn.plan(p.scenario, 5, raw=True), "planner is 5; expected str or Planner"),
+        (lambda p: prolearn.monte_carlo(p, 2, replan=Nearly()), "replan is .*expected str or Plan"),
+        (lambda p: prolearn.write_plan(p, "plan.json"), "plan is 'plan.json'; expected Plan"),
+        (lambda p: prolearn.write_plan(5, p), "path is 5; expected str or PathLike"),
+        (lambda p: prolearn.convert(p.scenario, "csv", "p.csv"), "plan is Scenario.*expected Plan"),
+        (lambda p: prolearn.convert(p, "csv", None), "path is None; expected str or PathLike"),
+        (lambda p: prolearn.convert(p, "burns", "b", mass=iter([4.0] * 6)), "mass is <.*; exp"),
+        (lambda p: prolearn.convert(p, "burns", "b", mass=[[1], [2, 3]]), "mass is .1., .2, 3.; e"),
+        (lambda p: prolearn.plot(p).write(5), "path is 5; expected str or PathLike"),
+        (lambda p: prolearn.show(p).write(None), "path is None; expected str or PathLike"),
     ],
 )
 def test_what_makes_no_sense_is_a_sentence(plan, tmp_path, monkeypatch, ask, words):
@@ -285,6 +345,11 @@ def test_what_is_printed_is_short_and_says_what_matters(plan):
     said = repr(plan)
     assert said.startswith("Plan(6 craft by expert, solved; Δv ") and len(said) < 120
     assert f"{plan.certificate.min_separation:.2f} m" in said
+    effect = prolearn.fly(plan)[-1]
+    assert repr(effect).startswith("Effect(name='J2', nearest=Separation(")
+    flown = prolearn.monte_carlo(plan, 2)
+    for one in (effect, flown, *flown.summaries, prolearn.planner("refiner"), plan.scenario):
+        assert len(repr(one)) < 1000 and "array" not in repr(one)
 
 
 def test_a_plan_is_read_as_it_was_written(plan, tmp_path):

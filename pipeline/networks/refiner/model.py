@@ -17,7 +17,7 @@ F features, H numbers of a message. Units are r_col and Δt.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -388,7 +388,7 @@ def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b
 class TrainedRefiner:
     """A trained refiner as arrays: a ``TrainedNetwork`` for any n, on any orbit and time grid."""
 
-    weights: Weights | None  # by name; None for rounds without trades
+    weights: Weights | None = field(repr=False)  # by name; None for rounds without trades
     rounds: int  # that an answer takes
     problem: Problem  # of its training data, or that it is asked about
     digest: str  # SHA-256 of all that decides its answers

@@ -72,10 +72,10 @@ def test_a_plan_that_is_safe_enough_is_left_as_it_is():
     assert replace(plan.certificate, risk=None) == bare.certificate
 
 
-def test_without_errors_nothing_changes():
+def test_with_errors_of_a_nanometre_nothing_changes():
     scenario = draw("rings", 0, 10, 4, PROBLEM, "valid")
     bare = solve(scenario)
-    plan = within_risk(bare, Requirements(risk=RiskLimit(1e-3)))
+    plan = within_risk(bare, Requirements(risk=RiskLimit(1e-3, 1e-9)))
     assert plan.status == SOLVED
     assert (plan.controls == bare.controls).all()
 

@@ -11,16 +11,19 @@ from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.plan.document import json_schema as of_plans
 from pipeline.plan.document import plan_document
+from pipeline.planners.as_flown import AsFlown
+from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 from pipeline.scenario.document import json_schema, read_scenario, write_scenario
 
 BOX = {"min": [-9e3, -9e3, -9e3], "max": [9e3, 9e3, 9e3]}
-FOLDER = Path(__file__).parents[3] / "docs" / "schema"
+ROOT = Path(__file__).parents[3]
+EXAMPLES = sorted((ROOT / "examples").glob("*.json"))
 
 
 @pytest.mark.parametrize(("name", "made"), [("scenario", json_schema), ("plan", of_plans)])
 def test_the_published_schema_is_what_the_code_gives(name, made):
-    published = (FOLDER / f"{name}.schema.json").read_text(encoding="utf-8")
+    published = (ROOT / f"docs/schema/{name}.schema.json").read_text(encoding="utf-8")
     assert json.loads(published) == made()
 
 
@@ -44,12 +47,30 @@ def accepts():
 
 
 RING = {"craft": 3, "size": 100.0}
+ORBIT = {"semi_major_axis": 8e6, "eccentricity": 0.1}
+AT, FORMATION = {"craft": 1, "position": [0, 300, 40]}, {"formation": {"rings": [RING]}}
+WAYPOINTS = [
+    AT,
+    AT | {"velocity": None, "formation": None, "time": 600},
+    FORMATION | {"time": 600},
+    {},
+    {"craft": 2},
+    {"position": [0, 0, 0]},
+    AT | {"craft": None},
+    FORMATION,
+    FORMATION | {"time": None},
+    FORMATION | AT | {"time": 600},
+    FORMATION | {"time": 600, "position": [0, 0, 0]},
+    FORMATION | {"time": 600, "velocity": None},
+    {"formation": 3, "time": 600},
+]
 
 CHANGES = [
     {},
     {"initial": {"rings": [RING]}},
     {"initial": {"rings": [{"phases_deg": [0, 120, 200.5], "size": 100, "tilt_deg": 5}]}},
     {"initial": {"rings": [RING | {"phases_deg": [1]}]}},
+    {"initial": {"rings": [{"phases_deg": [0, 120, 200.5], "size": 100, "first_phase_deg": 5}]}},
     {"initial": {"rings": [{"size": 1}]}},
     {"initial": {"rings": [RING | {"tilt_deg": 90}]}},
     {"initial": {"rings": [RING | {"tilt": 1}]}},
@@ -60,6 +81,10 @@ CHANGES = [
     {"altitude": None},
     {"altitude": 5e5, "mean_motion": None},
     {"altitude": None, "mean_motion": None},
+    {"orbit": ORBIT},
+    {"orbit": ORBIT, "mean_motion": None},
+    {"orbit": ORBIT, "mean_motion": None, "altitude": 5e5},
+    *({"waypoints": [one]} for one in WAYPOINTS),
     {"nodes": 2},
     {"obstacles": [{"name": "it", "state": [0, 0, 0, 0, 0, 0], "radius": 3}]},
     {"obstacles": [{"name": "it", "position": [0, 0, 0], "semi_axes": [1, 2, 3]}]},
@@ -115,6 +140,17 @@ def test_an_independent_validator_accepts_what_is_read_and_refuses_what_is_refus
     except InputError:
         read = False
     assert accepts(json_schema(), document) == read
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_an_independent_validator_accepts_the_examples(file, accepts):
+    assert accepts(json_schema(), json.loads(file.read_text(encoding="utf-8")))
+
+
+def test_an_independent_validator_accepts_plans_as_flown(accepts):
+    scenario = read_scenario(ROOT / "examples/tandem-x-both.json")
+    (plan,) = AsFlown(Expert()).plan([scenario])
+    assert accepts(of_plans(), json.loads(json.dumps(plan_document(plan))))
 
 
 def test_an_independent_validator_accepts_plans_and_refuses_others(accepts):
