@@ -149,11 +149,11 @@ def plan(
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made)
                 problem = made.scenario.problem
-                off = 0.0 if world else linear_error(made.states, problem).total
+                off = 0.0 if made.as_flown else linear_error(made.states, problem).total
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
-                of = {"world": asdict(problem.orbit) if world and problem.orbit else None}
+                about = asdict(problem.orbit) if made.as_flown and problem.orbit else None
                 files = {"scenario": str(path), "plan": str(target)}
-                rows.append({**files, **summary(made), **more, **of})
+                rows.append({**files, **summary(made), **more, "world": about})
                 shown.done()
     with stdout_for_document(not to_people):
         print_json(rows) if as_json else print_plans(rows)

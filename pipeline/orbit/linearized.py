@@ -7,7 +7,7 @@ by collocation at Chebyshev points (Boyd, "Chebyshev and Fourier Spectral Method
 then seen from the turning frame. The maps are polynomials in time, exact to rounding.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -48,16 +48,10 @@ class Arcs:
     most_acceleration: Float[Array, "K 3 9"]  # of the maps to positions, over an interval
     most_fourth: Float[Array, "K 3 9"]  # likewise, of the fourth derivatives
 
-    def window(self, intervals: slice, pieces: slice) -> "Arcs":
-        """Some pieces of some intervals; the bounds are those of whole intervals."""
-        some = intervals, pieces
-        at_points = "origin", "frame", "acceleration", "gradient", "maps", "series", "back"
-        return replace(
-            self,
-            **{name: getattr(self, name)[some] for name in at_points},
-            most_acceleration=self.most_acceleration[intervals],
-            most_fourth=self.most_fourth[intervals],
-        )
+    def window(self, intervals: slice) -> "Arcs":
+        """Those of some intervals."""
+        given = fields(self)[1:]
+        return replace(self, **{one.name: getattr(self, one.name)[intervals] for one in given})
 
 
 @dataclass(frozen=True)

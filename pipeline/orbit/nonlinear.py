@@ -8,6 +8,7 @@ Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation
 """
 
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 
@@ -44,20 +45,23 @@ def flown_arcs(
     The first control is that of an interval of the plan. ProlearnError where craft are so far from
     the reference that it does not converge.
     """
-    arcs, orbit, count = dynamics.arcs, dynamics.orbit, controls.shape[1]
+    orbit, count = dynamics.orbit, controls.shape[1]
+    parts = ceil(orbit.fastest * dynamics.time_step / WINDOW)
+    if parts > 1:  # each from its own start: maps over revolutions would enlarge rounding
+        step, intervals = dynamics.time_step / parts, dynamics.intervals * parts
+        cut = replace(dynamics, time_step=step, intervals=intervals)
+        held = np.repeat(controls, parts, axis=1)
+        found = flown_arcs(cut, initial, held, ballistics, first * parts)
+        return found.reshape(len(initial), count, parts * found.shape[2], POINTS, 6)
+    arcs = dynamics.arcs
     pieces = arcs.maps.shape[1]
-    at_once = max(1, int(WINDOW / (orbit.fastest * 2 * arcs.half)))  # pieces
-    together = max(1, at_once // pieces)  # intervals
+    together = max(1, int(WINDOW / (orbit.fastest * 2 * arcs.half)) // pieces)  # intervals
     found = np.empty((len(initial), count, pieces, POINTS, 6))
     state = initial
     for k in range(0, count, together):
         flown = slice(k, min(k + together, count))
-        for m in range(0, pieces, at_once):
-            part = slice(m, m + at_once)
-            window = arcs.window(slice(first + flown.start, first + flown.stop), part)
-            found[:, flown, part], state = _window(
-                window, orbit, state, controls[:, flown], ballistics
-            )
+        window = arcs.window(slice(first + flown.start, first + flown.stop))
+        found[:, flown] = _window(window, orbit, state, controls[:, flown], ballistics)
         state = found[:, flown.stop - 1, -1, -1]
     return found
 
@@ -185,21 +189,17 @@ def _window(
     start: Formation,
     controls: Float[Array, "n K 3"],
     ballistics: Ballistics,
-) -> tuple[Float[Array, "n K M q 6"], Formation]:
-    """States at all points of some arcs, and what would lead there from the first one's start.
-
-    From states at the start of the first interval, which led to the first point without what has
-    been added to them meanwhile.
-    """
+) -> Float[Array, "n K M q 6"]:
+    """States at all points of some arcs, from states at the start of the first interval."""
     linear = _linear(arcs, start, controls)
     flown = linear
     enough = max(CONVERGED, ROUNDING * float(np.abs(linear[..., :3]).max()))
     for _ in range(ITERATIONS):
-        added, total = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
+        added = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
         before, flown = flown, linear + added
         change = float(np.abs(flown - before)[..., :3].max())
         if change <= enough:
-            return flown, start + total
+            return flown
         if not np.isfinite(change):
             break
     raise ProlearnError(
@@ -219,13 +219,8 @@ def _linear(
     return np.moveaxis(arcs.maps @ given[:, None, None], -1, 0)
 
 
-def _added(
-    arcs: Arcs, acceleration: Float[Array, "n K M q 3"]
-) -> tuple[Float[Array, "n K M q 6"], Formation]:
-    """Changes of the states at all points by accelerations there, by variation of constants.
-
-    And of the state at the start of the first interval that leads to the end.
-    """
+def _added(arcs: Arcs, acceleration: Float[Array, "n K M q 3"]) -> Float[Array, "n K M q 6"]:
+    """Changes of the states at all points by accelerations there, by variation of constants."""
     integral = arcs.half * (INTEGRAL @ np.matvec(arcs.back, acceleration))
     ends = np.cumsum(integral[:, :, :, -1], axis=2)  # of pieces, since the interval's start
     integral[:, :, 1:] += ends[:, :, :-1, None]
@@ -233,7 +228,7 @@ def _added(
     for k, step in enumerate(arcs.maps[:, -1, -1, :, :6]):
         integral[:, k] += state[:, None, None]
         state = integral[:, k, -1, -1] @ step.T
-    return np.matvec(arcs.maps[..., :6], integral), ends[:, 0, -1]
+    return np.matvec(arcs.maps[..., :6], integral)
 
 
 def _remainder(

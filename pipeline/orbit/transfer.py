@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.arrays import Array, Float
+from pipeline.errors import InputError
 from pipeline.orbit.arrays import (
     AnyControls,
     AnyState,
@@ -17,12 +18,12 @@ from pipeline.orbit.arrays import (
     States,
     mapped,
 )
-from pipeline.orbit.problem import MOST_NODES, Problem
+from pipeline.orbit.problem import MOST_NODES, RANGES, Problem
 
 COAST = 1e-7  # share of a craft's largest control under which one is rounding, not a burn
 UNCHANGED = 1e-9  # change of a final state that counts as none, m; velocities over e
 REGULAR = 1e9  # condition number up to which a map has an inverse, rounding considered
-ORBIT_INTERVALS = 16  # intervals into which an orbit of free drift is cut
+ORBIT_INTERVALS = 16  # intervals into which an orbit of free drift is cut, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +110,18 @@ def free_drift(
     """Free drift over so many orbits: node states, zero controls and the problem they belong to.
 
     It starts some s after the first node, which counts where the reference orbit is not a circle.
+    InputError where it takes longer than any transfer may.
     """
+    time, longest = orbits * 2 * np.pi / problem.mean_motion, RANGES["time_step"][1]
+    if time > longest * (MOST_NODES - 1):
+        raise InputError(
+            f"mean_motion is {problem.mean_motion:g} rad/s, by which a free drift of {orbits:g} "
+            f"orbits takes {time:.3g} s; expected at most {longest * (MOST_NODES - 1):.3g} s: "
+            "give a larger mean_motion, or fewer orbits."
+        )
     intervals = min(max(2, math.ceil(orbits * ORBIT_INTERVALS)), MOST_NODES - 1)
-    step = orbits * 2 * np.pi / problem.mean_motion / intervals
+    intervals = max(intervals, math.ceil(time / longest))  # about orbits far above the Earth
+    step = time / intervals
     orbit = problem.orbit and problem.orbit.later(start)
     drift = Problem(problem.mean_motion, step, intervals + 1, orbit=orbit)
     idle = np.zeros((len(states), intervals, 3))

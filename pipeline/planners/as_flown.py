@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.batch import Batch
 from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
@@ -93,7 +93,7 @@ class AsFlown(PlannerWrapper):
             solves += linear.convex_solves
             if linear.status == SOLVED:
                 plan = _corrected(scenario, linear, self.requirements, passed)
-                best = min(best, plan, key=lambda one: (one.status != SOLVED, one.certificate.fuel))
+                best = min(best, plan, key=_rank)
         spent = perf_counter() - started - best.timing["certificate"]
         timing = {**best.timing, "plan": planning + spent}
         return replace(best, convex_solves=solves, timing=timing)
@@ -115,6 +115,11 @@ class AsFlown(PlannerWrapper):
                 break
         kept = {name: getattr(linear, name) for name in ("scenario", "certificate", "assignment")}
         return replace(found, convex_solves=solves, **kept)
+
+
+def _rank(plan: Plan) -> tuple[bool, bool, float]:
+    """Order of plans from the best on."""
+    return plan.status != SOLVED, not plan.as_flown, plan.certificate.fuel
 
 
 def _passed(linear: Plan) -> Waypoints:
@@ -198,17 +203,24 @@ def _outside(plan: Plan) -> float:
 def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The plan of a linear plan's controls, corrected until the flight meets its goals."""
+    """The plan of a linear plan's controls, corrected until the flight meets its goals.
+
+    The linear plan itself, as UNSOLVED, where these controls cannot be flown.
+    """
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
-    problem, initial, controls = scenario.problem, scenario.initial, linear.controls
+    try:
+        return _as_corrected(scenario, linear, requirements, passed)
+    except ProlearnError as error:
+        why = f"as flown: {error}".removesuffix(".")
+        return replace(linear, scenario=scenario, status=UNSOLVED, message=why)
+
+
+def _as_corrected(
+    scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
+) -> Plan:
+    """The corrected plan; ProlearnError where the first controls cannot be flown, or not there."""
     timed = replace(scenario, waypoints=passed)
-    at, states = _arrivals(timed), nodes_in_world(initial, controls, problem)
-    for _ in range(MOST_CORRECTIONS):
-        miss = at.missed(states)
-        if (np.abs(miss) <= np.tile(GOAL_TOLERANCE, len(at.nodes))).all():
-            break
-        controls = _changed(controls, miss, at, problem, scenario.limits)
-        states = nodes_in_world(initial, controls, problem)
+    controls, states = _meeting(timed, linear.controls)
     made = _made(timed, controls, states, linear)
     plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
     plan = replace(plan, assignment=linear.assignment)
@@ -225,6 +237,31 @@ def _corrected(
     return replace(plan, status=UNSOLVED, message=why)
 
 
+def _meeting(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
+    """Controls whose flight is where craft must be, and its node states, from others near them.
+
+    Those that miss least where corrections do not lead there, nor to POSITION_TOLERANCE.
+    """
+    problem, at = scenario.problem, _arrivals(scenario)
+    tried: list[tuple[float, Controls, States]] = []  # with what is missed, in GOAL_TOLERANCE
+    while len(tried) <= MOST_CORRECTIONS:
+        try:
+            states = nodes_in_world(scenario.initial, controls, problem)
+        except ProlearnError:
+            if not tried:
+                raise
+            break
+        miss = at.missed(states)
+        off = float((np.abs(miss) / np.tile(GOAL_TOLERANCE, len(at.nodes))).max())
+        tried.append((off, controls, states))
+        if off <= 1:
+            break
+        controls = _changed(controls, miss, at, problem, scenario.limits)
+    if tried[-1][0] > POSITION_TOLERANCE / GOAL_TOLERANCE[0]:
+        tried.sort(key=lambda one: -one[0])
+    return tried[-1][1:]
+
+
 def _arrivals(scenario: Scenario) -> Arrivals:
     """Where craft must be, where all waypoints have times."""
     problem, passed = scenario.problem, {}
@@ -237,9 +274,16 @@ def _arrivals(scenario: Scenario) -> Arrivals:
 def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
     """Controls and node states of a flight, with the bound of linear programs about it.
 
+    ProlearnError where it leads too far from its goals for there to be any.
+
     Where goals or times were chosen, the bound of all choices changes as this one's does.
     """
-    found, batch = linear.certificate, _batch(_as_linear(scenario, controls, states))
+    try:
+        shifted = _as_linear(scenario, controls, states)
+    except InputError as error:  # it is beyond where scenarios are
+        off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
+        raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
+    found, batch = linear.certificate, _batch(shifted)
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
         change = bound - _batch(_eased(scenario)).bound(0)[0]

@@ -103,6 +103,25 @@ def test_a_scenarios_own_orbit_or_reference_is_the_world(prolearn, tmp_path):
     assert angles == pytest.approx([51.6, 40.0], abs=0.05)
 
 
+def test_a_scenario_whose_flight_is_refused_is_unsolved_beside_those_that_are_planned(
+    prolearn, tmp_path
+):
+    """A craft that is 6.5 km/s slower than the reference falls to the Earth."""
+    path = tmp_path / "own.json"
+    asked = json.loads(path.read_text())
+    ends = {"initial": [[0, 0, 0, 0, -6500, 0]], "goal": [[0] * 6]}
+    path.write_text(json.dumps({**asked, **ends, "time_step": 2000, "nodes": 3}))
+    done = prolearn("plan", "own.json", "s.json", "--world", "--out", "plans", "--json")
+    assert done.returncode == 1, done.stderr
+    refused, planned = json.loads(done.stdout)
+    assert (refused["status"], planned["status"]) == ("unsolved", "solved")
+    assert "off their goals" in refused["message"]
+    assert refused["world"] is None
+    assert refused["model_error"] > 1e4
+    flown(tmp_path / "plans" / "s.plan.json")
+    assert not read_plan(tmp_path / "plans" / "own.plan.json").as_flown
+
+
 def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(prolearn):
     done = prolearn("plan", "s.json", "--world", "--out", "p.json")
     assert "The plan is p.json." in done.stdout

@@ -1,5 +1,6 @@
 """Plans as flown, flown again by integrators that the product does not know."""
 
+import re
 from dataclasses import replace
 from functools import cache, partial
 from time import perf_counter
@@ -299,6 +300,42 @@ def test_what_is_infeasible_about_the_orbit_is_unsolved_in_the_flight():
     (linear,) = Expert().plan([limited(swarm("rings", 0.01), 1e-6)])
     assert (linear.status, plan.status) == (INFEASIBLE, UNSOLVED)
     assert "about this orbit the plan is infeasible: craft 0 cannot reach its goal" in plan.message
+
+
+def falling(speed, time_step):
+    """Two arcs of a craft that is that much slower than the reference at first, m/s."""
+    problem, initial = Problem(time_step=time_step, nodes=3), np.zeros((1, 6))
+    initial[0, 4] = -speed
+    scenario = replace(swarm("rings", 0.01, n=1), initial=initial, goal=0 * initial, ends="any")
+    return replace(scenario, problem=problem.about(about(0.01)))
+
+
+@pytest.mark.parametrize(
+    ("speed", "time_step", "why"),
+    [(6500.0, 2000.0, r"craft end up to \S+ m off their goals"), (5000.0, 5600.0, "not converge")],
+)
+def test_a_flight_that_is_refused_is_unsolved_and_the_others_are_planned(speed, time_step, why):
+    plan, other = AsFlown(Expert()).plan([falling(speed, time_step), falling(1e-3, time_step)])
+    assert (plan.status, other.status) == (UNSOLVED, SOLVED)
+    assert not plan.as_flown
+    assert re.match(rf"as flown: .*{why}", plan.message)
+    assert not plan.message.endswith(".")
+    assert plan.scenario.problem == other.scenario.problem
+
+
+def test_corrections_that_diverge_leave_the_flight_that_misses_least():
+    """Rings of 10 km radius over four revolutions, of which the linear model is 60 km off."""
+    orbit = ReferenceOrbit(R_EARTH + 500e3, j2=False)
+    problem = replace(Problem(time_step=5500.0, nodes=5), collision_radius=1e3).about(orbit)
+    rate = 2 * problem.mean_motion
+    initial = np.array([[1e4, 0, 0, 0, -rate * 1e4, 0]])
+    drawn = swarm("rings", 0.01, n=1)
+    scenario = replace(drawn, problem=problem, initial=initial, goal=1.01 * initial, ends="any")
+    (plan,), (linear,) = AsFlown(Expert()).plan([scenario]), Expert().plan([scenario])
+    assert (plan.status, plan.as_flown) == (UNSOLVED, True)
+    uncorrected = again(replace(linear, scenario=scenario))[:, -1, -1]
+    missed = np.abs(uncorrected - scenario.goal)[:, :3].max()
+    assert 1.0 < plan.certificate.goal_error < missed + 1e-3
 
 
 def test_scenarios_without_an_orbit_are_planned_about_the_one_that_is_given():

@@ -7,8 +7,10 @@ import pytest
 from clohessy import position
 from scipy.optimize import minimize_scalar
 
+from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import HIGHEST, mean_motion_at
 from pipeline.orbit.transfer import fly, free_drift, track
 from pipeline.scenario import draw
 from pipeline.scenario.document import read_scenario
@@ -48,16 +50,27 @@ def test_positions_are_those_of_the_matrix_exponential_at_nodes_and_between():
     np.testing.assert_allclose(found, wanted, atol=1e-8)
 
 
-def test_an_orbit_of_free_drift_is_the_exponential_without_controls_and_closes():
-    scenario, _, _ = own(2)
-    found = orbits(scenario.goal, PROBLEM)
-    period = 2 * np.pi / PROBLEM.mean_motion
+@pytest.mark.parametrize("altitude", [500e3, HIGHEST])
+def test_an_orbit_of_free_drift_is_the_exponential_without_controls_and_closes(altitude):
+    """Also where a sixteenth of the orbit takes longer than an interval may."""
+    problem = Problem(mean_motion=mean_motion_at(altitude))
+    scenario, _, _ = own(2, problem=problem)
+    found = orbits(scenario.goal, problem)
+    period = 2 * np.pi / problem.mean_motion
     times = np.linspace(0, period, found.shape[1])
-    idle = (PROBLEM.mean_motion, period)
+    idle = (problem.mean_motion, period)
     for k in range(2):
         wanted = [position(scenario.goal[k], np.zeros((1, 3)), *idle, t) for t in times]
         np.testing.assert_allclose(found[k], wanted, atol=1e-7)
     np.testing.assert_allclose(found[:, 0], found[:, -1], atol=1e-6)
+
+
+def test_an_orbit_longer_than_any_drift_is_refused_by_its_mean_motion():
+    words = (
+        r"^mean_motion is 1e-09 rad/s, by which a free drift of 1 orbits takes 6\.28e\+09 s; exp"
+    )
+    with pytest.raises(InputError, match=words):
+        free_drift(np.zeros((1, 6)), Problem(mean_motion=1e-9))
 
 
 @pytest.mark.parametrize(("n", "nodes"), [(1, 11), (30, 61), (100, 11), (300, 11), (5000, 11)])
