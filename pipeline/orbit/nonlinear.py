@@ -16,7 +16,16 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, OfCraft, States
-from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
+from pipeline.orbit.bezier import norm
+from pipeline.orbit.chebyshev import (
+    COEFFICIENTS,
+    INTEGRAL,
+    ITERATIONS,
+    NODES,
+    POINTS,
+    ROUNDING,
+    basis,
+)
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
@@ -138,6 +147,21 @@ def nodes_in_world(initial: Formation, controls: Controls, problem: Problem) -> 
     """The node states alone of the same flight."""
     arcs = _arcs(initial, controls, problem)
     return np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
+
+
+def most_deviation(states: States, controls: Controls, problem: Problem) -> float:
+    """Bound on how far a flight through node states is from linear motion from each node on, m.
+
+    By the sum of the Chebyshev coefficients of what is between them, at any time of any craft.
+    """
+    arcs = _arcs(states[:, 0], controls, problem)[..., :3]
+    pieces = arcs.shape[2]
+    share = (np.arange(pieces)[:, None] + (1 + NODES) / 2).ravel() / pieces
+    each = np.arange(problem.intervals)[:, None]
+    A, B = _dynamics(problem).step(share * problem.time_step, each)
+    linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
+    off = COEFFICIENTS @ (arcs - linear[..., :3].reshape(arcs.shape))
+    return float(norm(off).sum(axis=-1).max())
 
 
 def flown_between(

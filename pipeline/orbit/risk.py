@@ -321,6 +321,8 @@ def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Fl
     begin, width = np.zeros(len(which)), np.ones(len(which))
     ends = stretches.directions(which, begin), stretches.directions(which, width)
     panels = _Panels(which, begin, width, *ends)
+    joined = panels.joined(stretches)
+    panels.first[joined] = np.roll(panels.last, 1, axis=0)[joined]
     while True:
         panels = panels[stretches.may_be_near(panels)]
         chance, excess = _failing(panels, stretches)
@@ -363,6 +365,11 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     variances = [np.maximum(stretches.covariance(at, one, one), 0.0) for one in (first, last, step)]
     apart = np.vecdot(panels.first, start) - radius
     apart_last = np.vecdot(panels.last, end) - radius
+    # Between two intervals motion as flown jumps; the check is half way, its margin as much larger.
+    jump = np.where(joined, apart - np.roll(apart_last, 1), 0.0) / 2
+    jump_last = -np.where(goes_on, np.roll(jump, -1), 0.0)
+    apart, apart_last = apart - jump, apart_last - jump_last
+    margin_first, margin_last = margin_first + np.abs(jump), margin_last + np.abs(jump_last)
     mean, mean_last = apart - margin_first, apart_last - margin_last
     mixed = stretches.covariance(at, first, step)
     chance = falls_below(mean, variances[0], mean_last - mean, mixed, variances[2])

@@ -13,7 +13,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.nearest import Nearest
-from pipeline.orbit.nonlinear import margin_in_world
+from pipeline.orbit.nonlinear import margin_in_world, most_deviation
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
@@ -82,10 +82,12 @@ class Risk:
         """The same claim about other states, m and m/s, and controls, m/s².
 
         Between nodes motion is linear; craft count as larger by what states as flown, which are
-        not, are off that at their next nodes.
+        not, are off that at any time until their next nodes.
         """
         closed_loop = self.feedback is not None
         off = 2 * float(norm(dynamics_defect(states, controls, problem)[..., :3]).max())
+        if off > FINE and problem.orbit is not None:
+            off = 2 * most_deviation(states, controls, problem)
         if off > FINE:
             problem = replace(problem, collision_radius=problem.collision_radius + off)
         return self.of(

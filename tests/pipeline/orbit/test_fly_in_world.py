@@ -7,7 +7,7 @@ import pytest
 from relative import flight, pull
 
 from pipeline.flight.world import NonlinearWorld
-from pipeline.orbit.nonlinear import fly_in_world, nodes_in_world
+from pipeline.orbit.nonlinear import fly_in_world, most_deviation, nodes_in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -74,3 +74,8 @@ def test_an_integrator_flies_to_the_same_nodes_and_comes_no_nearer(name):
     assert apart.pair == (i[pair], j[pair])
     begin = interval * problem.time_step
     assert begin - problem.time_step <= apart.time <= begin + 2 * problem.time_step
+    times = np.linspace(0, problem.time_step, parts + 1)
+    A, B = problem.dynamics.step(times, np.arange(problem.intervals)[:, None])
+    linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
+    off = np.linalg.norm((truth - linear)[..., :3], axis=-1).max()
+    assert off - 1e-5 <= most_deviation(states, controls, problem) <= 1.5 * off

@@ -41,6 +41,16 @@ def test_a_pass_in_a_straight_line_is_bounded_by_at_most_twice_its_probability(
     assert found <= 2 * truth
 
 
+@pytest.mark.parametrize("sigma", [0.3, 1.0, 20.0])
+def test_a_pair_that_comes_near_by_a_jump_at_a_node_is_not_overlooked(sigma):
+    """As states of a flight may, which is not the linear motion that they are taken for between."""
+    deviation = sigma * 2**0.5
+    states, controls, problem = passing(15 + 6 * deviation, 0.0)
+    states[1, 5, 1] = 15 + deviation
+    found = collision_risk(states, controls, problem, Uncertainty(position=sigma)).total
+    assert found >= ncx2.cdf((15 / deviation) ** 2, 3, (15 / deviation + 1) ** 2)
+
+
 @pytest.mark.parametrize("sigmas", [1.0, 3.0])
 def test_a_pair_that_nears_on_a_line_is_bounded_by_at_most_its_ends(sigmas):
     """Head on, still apart at the end: the gap is linear in time, so one of its ends is least."""
