@@ -30,6 +30,7 @@ from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import Separation
 
@@ -52,7 +53,7 @@ def flown_arcs(
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
     The first control is that of an interval of the plan. ProlearnError where craft are so far from
-    the reference that it does not converge.
+    the reference that it does not converge, or come inside the Earth.
     """
     orbit, count = dynamics.orbit, controls.shape[1]
     parts = ceil(orbit.fastest * dynamics.time_step / WINDOW)
@@ -71,6 +72,7 @@ def flown_arcs(
         flown = slice(k, min(k + together, count))
         window = arcs.window(slice(first + flown.start, first + flown.stop))
         found[:, flown] = _window(window, orbit, state, controls[:, flown], ballistics)
+        _refuse_impact((window.origin + window.frame.to_inertial(found[:, flown]))[..., :3])
         state = found[:, flown.stop - 1, -1, -1]
     return found
 
@@ -230,6 +232,16 @@ def _window(
         f"the flight about the reference orbit did not converge: its last change was {change:.3g} "
         "m; expected craft that stay near the reference."
     )
+
+
+def _refuse_impact(position: Float[Array, "n K M q 3"]) -> None:
+    """Refuse flights through the Earth, whose gravity is not that of a point there."""
+    least = float(norm(position).min())
+    if least < R_EARTH:
+        raise ProlearnError(
+            f"a craft comes within {least / 1e3:.6g} km of the Earth's centre; expected flights "
+            f"that stay above its radius, {R_EARTH / 1e3:.6g} km."
+        )
 
 
 def _linear(

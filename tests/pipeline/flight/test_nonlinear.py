@@ -265,9 +265,12 @@ def test_craft_hundreds_of_kilometres_away_are_flown_to_rounding():
     assert np.abs(found - truth)[:, :3].max() < 1e-5
 
 
-def test_craft_that_fall_through_the_earth_are_refused():
-    fallen = RING - np.array([0, 0, 0, 0, 7000.0, 0])
-    with pytest.raises(ProlearnError, match="did not converge"):
+@pytest.mark.parametrize(
+    ("slower", "said"), [(7000.0, "did not converge"), (1000.0, "of the Earth's centre; expected")]
+)
+def test_craft_that_fall_through_the_earth_are_refused(slower, said):
+    fallen = RING - np.array([0, 0, 0, 0, slower, 0])
+    with pytest.raises(ProlearnError, match=said):
         world_of(5600.0, 1).arc(fallen, IDLE, 0)
 
 
