@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Literal
 
@@ -15,6 +15,7 @@ from pipeline.dataset.making import complete, drawn_table, refuse_versions
 from pipeline.dataset.manifest import (
     BESIDE,
     OWNED,
+    SCENARIOS,
     SHARD,
     Manifest,
     Shard,
@@ -200,7 +201,8 @@ class Fault:
     path: str  # the file, inside the folder
     what: str  # what is wrong with it
     foreign: bool = False  # whether it does not belong there at all
-    sound: bool = False  # whether it holds sound rows all the same, which are not given up unasked
+    # Whether it holds sound rows all the same, or their timings, which are not given up unasked
+    sound: bool = False
 
 
 @dataclass(frozen=True)
@@ -264,6 +266,9 @@ def repair(
         refuse_versions(folder, manifest)
         faults = list(verify(folder, workers=workers, progress=progress))
         left = {fault.path for fault in faults if fault.sound and not yes}
+        left |= {TIMINGS + path.removeprefix(SCENARIOS) for path in left}
+        kept = {path for path in left if folder.exists(path)}
+        faults = [replace(f, sound=f.sound or f.path in kept) for f in faults]
         for fault in faults:
             # Files of a run that was cut short may be sound; copies are written anew.
             replaced = fault.path in (COPY, TIMED) or fault.what in (CUT_SHORT, UNTIMED)
