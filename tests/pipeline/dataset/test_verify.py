@@ -12,11 +12,13 @@ from judge import judge_dataset
 
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.verifying import repair, verify
+from pipeline.dataset.schema import metadata, scenario_table
+from pipeline.dataset.verifying import repair, stands_alone, verify
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.scenario import Scenario
 from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import open_folder
 from pipeline.storage.ledger import write_checked
@@ -297,6 +299,13 @@ def test_rows_of_other_scenarios_are_found_by_other_versions_too(solved, monkeyp
     forge(solved, five_metres, "_scenarios/" + SHARD)
     monkeypatch.setattr("pipeline.dataset.making.SAMPLED_BY", (("pipeline/orbit",), ("numpy",)))
     assert found(solved) == {(SHARD, f"has other scenarios than _scenarios/{SHARD}")}
+
+
+def test_a_large_shard_of_another_dataset_is_known_to_hold_sound_rows():
+    n, rows, rng = 1000, 1700, np.random.default_rng(0)
+    about = metadata(Problem(), {}, {})
+    swarms = [Scenario(Problem(), *rng.random((2, n, 6)), "rings", "") for _ in range(rows)]
+    assert stands_alone(encode(scenario_table(swarms, ["test"] * rows, about)))
 
 
 def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
