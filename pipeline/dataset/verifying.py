@@ -56,7 +56,15 @@ from pipeline.scenario import Scenario
 from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside, sole_writer
-from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, has_metadata, read_metadata
+from pipeline.storage.shards import (
+    TIMED_KEY,
+    Size,
+    decode,
+    digest_of,
+    encode,
+    has_metadata,
+    read_metadata,
+)
 from pipeline.storage.shared import work_on
 
 STATUSES = (SOLVED, INFEASIBLE, UNSOLVED, UNSAFE)
@@ -76,6 +84,7 @@ Rows = Bool[Array, "N"]
 DIGEST = "does not have the digest that the manifest gives it"
 CUT_SHORT = "is not in the manifest; the run that made it was cut short"
 UNTIMED = f"is not in {TIMED}"
+TIMED_AGAIN = f"is whole, but not the one that {TIMED} has; two runs at once made it"
 NOT_EXPECTED = "does not belong to this dataset"
 FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
 
@@ -271,7 +280,11 @@ def repair(
         faults = [replace(f, sound=f.sound or f.path in kept) for f in faults]
         for fault in faults:
             # Files of a run that was cut short may be sound; copies are written anew.
-            replaced = fault.path in (COPY, TIMED) or fault.what in (CUT_SHORT, UNTIMED)
+            replaced = fault.path in (COPY, TIMED) or fault.what in (
+                CUT_SHORT,
+                UNTIMED,
+                TIMED_AGAIN,
+            )
             if fault.path not in left and not replaced and folder.exists(fault.path):
                 set_aside(folder, fault.path, progress, *[FOREIGN] * fault.foreign)
         with committed(Ledger(folder, manifest, progress)) as ledger:
@@ -353,7 +366,9 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
         return Fault(name, CUT_SHORT)
     right = check.digest in (None, digest_of(content))
     if timings and not right:
-        return Fault(name, f"does not have the digest that {TIMED} gives it")
+        again = _is_timed_again(check, content, shard)
+        said = TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it"
+        return Fault(name, said)
     try:
         table = decode(content, shard.most)
     except InputError as error:
@@ -403,6 +418,16 @@ def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Ite
     for path, rows in ((shard.solved, solved), (shard.scenarios, scenarios)):
         if not same_scenarios(rows, right):
             yield Fault(path, "has other scenarios than are drawn for it")
+
+
+def _is_timed_again(check: Check, content: bytes, shard: Shard) -> bool:
+    """Whether timings are whole and of the solved shard, though of another run than is known."""
+    try:
+        table = decode(content, shard.most)
+    except InputError:
+        return False
+    whole = encode(table) == content  # not every byte has a checksum
+    return whole and check.solved is not None and not _mismatch(table, check, shard)
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:

@@ -196,6 +196,22 @@ def test_timings_that_are_swapped_damaged_or_gone_are_a_fault_and_come_back(solv
     assert content(solved) == before
 
 
+def test_timings_of_another_run_of_the_same_rows_are_adopted(solved, tmp_path, monkeypatch):
+    """As of two runs at once on an object store, which has no lock."""
+    twin = Path(shutil.copytree(solved, tmp_path / "twin"))
+    shutil.rmtree(twin / "n=3")
+    solve(twin, Settings(), workers=ONE)
+    other = (twin / "_timings" / SHARD).read_bytes()
+    assert other != (solved / "_timings" / SHARD).read_bytes()
+    (solved / "_timings" / SHARD).write_bytes(other)
+    assert [fault.what[:8] for fault in faults(solved)] == ["is whole"]
+    monkeypatch.setattr("pipeline.dataset.making.solve_many", None)
+    repair(solved, workers=ONE)
+    assert faults(solved) == []
+    assert (solved / "_timings" / SHARD).read_bytes() == other
+    assert not (solved / "_damaged").exists()
+
+
 def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved):
     before = content(solved)
     shutil.rmtree(solved / "_timings")
