@@ -140,7 +140,7 @@ def complete(
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
     lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if lost:
-        progress.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
+        progress.say(f"Scenario shards that are missing or damaged are drawn again: {len(lost)}.")
         write_shards(ledger, draw_shard, lost, workers, SILENT)
     if manifest.solve:
         wanted = [s for s in shards if not _is_done(ledger, s)]
