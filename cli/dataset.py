@@ -1,6 +1,6 @@
 """Commands that make and check datasets: sample, solve, dataset, card, verify."""
 
-import json
+import os
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.parallel.workers import Workers
 
-AN_ORBIT = 'expected an object such as {"semi_major_axis": 8e6, "eccentricity": 0.1}.'
+AN_ORBIT = 'an object such as {"semi_major_axis": 8e6, "eccentricity": 0.1}'
 Out = Annotated[str, option("Dataset folder or URL.")]
 Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
 
@@ -69,20 +69,16 @@ def sample(
     with progress("sampling") as shown:
         run(out, {n: one}, asked, workers=drawing, progress=shown)
     where = public_url(out)
-    echo(f"{count} scenarios of n={n} are in {where}; solve them: prolearn solve {quote(where)}")
+    many = f"{count} scenarios of n={n} are" if count != 1 else f"1 scenario of n={n} is"
+    them = "them" if count != 1 else "it"
+    echo(f"{many} in {where}; solve {them}: prolearn solve {quote(where)}")
 
 
 def _orbit(text: str) -> "ReferenceOrbit":
-    from pipeline.documents import document_from
+    from pipeline.documents import document_in
     from pipeline.scenario.orbit_document import OrbitDocument
 
-    try:
-        fields = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"--orbit is no JSON ({error}); {AN_ORBIT}") from error
-    if not isinstance(fields, dict):
-        raise InputError(f"--orbit is {text[:40]!r}; {AN_ORBIT}")
-    return document_from(fields, OrbitDocument).orbit()
+    return document_in(os.fsencode(text), OrbitDocument, "--orbit", AN_ORBIT).orbit()
 
 
 @with_settings

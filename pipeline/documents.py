@@ -71,16 +71,21 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
         content = read_bytes(path, MOST_BYTES + 1).removeprefix(BOM_UTF8)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error}); expected {what}.") from error
+    return document_in(content, kind, path, what)
+
+
+def document_in(content: bytes, kind: type[Document], where: object, what: str) -> Document:
+    """The document of a kind in a JSON text; InputErrors name where that is."""
     try:
         value = parsed(content)
         _refuse_repeated(content)
         return kind.model_validate(value)
     except ValidationError as error:  # which is a ValueError
-        raise InputError(f"{path}: {faults(error, kind)}; expected {what}.") from error
+        raise InputError(f"{where}: {faults(error, kind)}; expected {what}.") from error
     except InputError as error:  # of a value that refuses what it is made of
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{where}: {error}") from error
     except ValueError as error:
-        raise InputError(f"{path} is not JSON: {error}; expected {what}.") from error
+        raise InputError(f"{where} is not JSON: {error}; expected {what}.") from error
 
 
 def _refuse_repeated(content: bytes) -> None:

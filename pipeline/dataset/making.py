@@ -89,13 +89,17 @@ def _begin_sampling(folder: Folder, samples: Mapping[int, Sample], problem: Prob
 
 def draw_shard(shard: Shard, _: bytes) -> NewShard:
     """In a worker: the scenarios of a shard; its plans are dropped where these have changed."""
+    return NewShard(shard.scenarios, encode(drawn_table(shard)), derived=shard.solved)
+
+
+def drawn_table(shard: Shard) -> pa.Table:
+    """The scenarios of a shard, drawn; ProlearnError by other versions than it was begun with."""
     about, one = shard.about, shard.sample
     check_worker(about.made_with.sample, SAMPLED_BY)
     drawn = one.drawn_as(shard.rows)
     scenarios = draw_many(one.family, one.seed, shard.n, drawn, about.problem)
     splits = [split for split, _ in drawn]
-    content = encode(schema.scenario_table(scenarios, splits, shard.metadata(shard.scenarios)))
-    return NewShard(shard.scenarios, content, derived=shard.solved)
+    return schema.scenario_table(scenarios, splits, shard.metadata(shard.scenarios))
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
@@ -136,7 +140,7 @@ def complete(
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
     lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if lost:
-        progress.say(f"{len(lost)} scenario shards are missing or damaged; they are drawn again.")
+        progress.say(f"Scenario shards that are missing or damaged are drawn again: {len(lost)}.")
         write_shards(ledger, draw_shard, lost, workers, SILENT)
     if manifest.solve:
         wanted = [s for s in shards if not _is_done(ledger, s)]

@@ -40,8 +40,16 @@ BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)
 # Files and folders directly inside the folder of a dataset
 TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
+MOST_BYTES = 2**31  # of a shard, which is read whole to be checked; most have some MB
+NUMBER_BYTES, TEXT_BYTES = 9, 256  # the most that a number and the rest of a row take in a shard
 FORMER_SOLVERS = {"cvxpy": "clarabel"}  # of earlier versions, and what is used instead
 REQUIRED = ("separation", "passive_safety")  # recorded beside the settings of the expert
+
+
+def most_rows(n: int, problem: Problem) -> int:
+    """The most rows of a shard that takes at most MOST_BYTES once it is solved."""
+    numbers = 9 * n * (problem.nodes + 1)  # states, controls and ends
+    return MOST_BYTES // (numbers * NUMBER_BYTES + TEXT_BYTES)
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
@@ -107,6 +115,13 @@ class Manifest:
                 f"its samples take {shards} shards; expected at most {MOST_SHARDS}: draw fewer "
                 "scenarios into one folder."
             )
+        for n, sample in self.samples.items():
+            rows, most = len(sample.rows(0)), most_rows(n, self.problem)
+            if rows > most:
+                raise InputError(
+                    f"a file of {rows} scenarios of n={n} is too large to be checked; expected "
+                    f"--rows-per-shard of at most {most}."
+                )
 
     def fields(self) -> dict[str, Any]:
         """Fields of its file, JSON-ready."""

@@ -8,10 +8,12 @@ problem and how it was sampled and solved, as JSON.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from math import prod
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from pydantic import ValidationError
 
 from pipeline.arrays import Array, Float
@@ -157,8 +159,13 @@ def scenarios_of(table: pa.Table) -> list[Scenario]:
 
 
 def stacked(table: pa.Table, column: str, *shape: int) -> Float[Array, "rows ..."]:
-    """A column of lists as one array (rows, *shape), without a loop over rows."""
+    """A column of lists as one array (rows, *shape), without a loop over rows.
+
+    ValueError where a list is longer or shorter.
+    """
     flat = table[column].combine_chunks()
+    if not pc.all(pc.equal(pc.list_value_length(flat), prod(shape)), min_count=0).as_py():
+        raise ValueError(f"{column} has lists of other lengths than {prod(shape)}")
     values = np.array(flat.flatten())  # a copy, since Arrow's memory is read-only
     return values.reshape(table.num_rows, *shape)
 

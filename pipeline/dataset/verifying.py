@@ -1,8 +1,9 @@
 """Integrity of every shard and physics of every row of a dataset, and the repair of faults."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -10,10 +11,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.dataset.making import complete, refuse_versions
+from pipeline.dataset.making import complete, drawn_table, refuse_versions
 from pipeline.dataset.manifest import (
     BESIDE,
+    MOST_BYTES,
     OWNED,
+    SCENARIOS,
     SHARD,
     Manifest,
     Shard,
@@ -25,27 +28,47 @@ from pipeline.dataset.schema import (
     SOLVED_FIELDS,
     TIMING_FIELDS,
     problem_of,
+    same_scenarios,
     scenarios_of,
     stacked,
 )
 from pipeline.documents import CHECKSUM, parsed
-from pipeline.errors import InputError
+from pipeline.errors import InputError, ProlearnError
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import dynamics_defect, fuel
 from pipeline.parallel.workers import Workers
-from pipeline.plan import SOLVED, Plan, Requirements, certify, violations
+from pipeline.plan import (
+    INFEASIBLE,
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    Plan,
+    Requirements,
+    certify,
+    gap_of,
+    violations,
+)
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside, sole_writer
-from pipeline.storage.shards import TIMED_KEY, Size, decode, digest_of, has_metadata, read_metadata
+from pipeline.storage.shards import (
+    TIMED_KEY,
+    Size,
+    decode,
+    digest_of,
+    encode,
+    has_metadata,
+    read_metadata,
+)
 from pipeline.storage.shared import work_on
 
-# Columns that every solved row has a value in
+STATUSES = (SOLVED, INFEASIBLE, UNSOLVED, UNSAFE)
+# Columns that solved rows, and no others, have a value in, beside min_separation
 PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
 
 VIOLATIONS = {
@@ -55,22 +78,22 @@ VIOLATIONS = {
 }
 
 AT_ONCE = 100  # rows that are certified at once, which bounds memory
-ANY = Size(rows=100_000, values=10_000_000)  # the most that a shard of any dataset may hold
 
 Rows = Bool[Array, "N"]
 
 DIGEST = "does not have the digest that the manifest gives it"
 CUT_SHORT = "is not in the manifest; the run that made it was cut short"
 UNTIMED = f"is not in {TIMED}"
+TIMED_AGAIN = f"is whole, but not the one that {TIMED} has; two runs at once made it"
 NOT_EXPECTED = "does not belong to this dataset"
 FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
-MOST_BYTES = 2**30  # size of the largest file that is read to be checked; shards have some MB
 
 
 def stands_alone(content: bytes) -> bool:
     """Whether bytes are a shard with sound rows, of whatever dataset."""
     try:
-        table = decode(content, ANY)
+        # Rows take at least 32 bytes, and numbers one, however well they are packed.
+        table = decode(content, Size(rows=len(content) // 32, values=len(content)))
         return table.num_rows > 0 and _is_sound(table)
     except (InputError, ValueError):  # other columns have no shape either
         return False
@@ -91,17 +114,30 @@ def row_faults(
     table: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[str]:
     """Every row of a solved shard of swarm size n whose claims are wrong, with the reason."""
+    faults = list(_named(table, _status_checks(table, n)))
+    yield from faults
+    solved = table.filter(pc.equal(table["status"], SOLVED))
+    if not faults and solved.num_rows:
+        yield from _named(solved, _row_checks(solved, n, problem, requirements))
+
+
+def _named(table: pa.Table, checks: Iterable[tuple[str, Rows]]) -> Iterator[str]:
     names = table["scenario_id"].to_pylist()
-    is_solved = pc.equal(table["status"], SOLVED)
-    planned = np.array([table[c].is_valid().to_numpy() for c in PLANNED])
-    bad = (planned != is_solved.to_numpy()).any(axis=0)
-    yield from (f"{names[k]} is not whole" for k in np.flatnonzero(bad))
-    solved = table.filter(is_solved)
-    if bad.any() or solved.num_rows == 0:
-        return
-    names = solved["scenario_id"].to_pylist()
-    for what, wrong in _row_checks(solved, n, problem, requirements):
+    for what, wrong in checks:
         yield from (f"{names[k]} {what}" for k in np.flatnonzero(wrong))
+
+
+def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, Rows]]:
+    """Whether rows have a status, and values in the columns that it says, and in no others."""
+    solved = pc.equal(table["status"], SOLVED).to_numpy()
+    has = {c: table[c].is_valid().to_numpy() for c in (*PLANNED, "min_separation", "convex_solves")}
+    bad = np.any([has[c] != solved for c in PLANNED], axis=0)
+    bad |= has["min_separation"] != (solved & (n > 1))  # one craft is near no other
+    yield "is not whole", bad | (solved & ~has["convex_solves"])
+    status = np.array(table["status"].to_pylist())
+    yield f"has none of the statuses {', '.join(STATUSES)}", ~np.isin(status, STATUSES)
+    fewer = pc.less(table["convex_solves"], 0).fill_null(False).to_numpy()
+    yield "has taken fewer than no convex programs", fewer
 
 
 def _row_checks(
@@ -117,14 +153,15 @@ def _row_checks(
     numbers = ("fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
     claimed, bound, gap, colliding = (solved[name].to_numpy() for name in numbers)
     used, none = fuel(controls), problem.negligible_fuel
+    pairs = zip(used.tolist(), bound.tolist(), strict=True)
+    found = np.array([gap_of(*pair, problem) for pair in pairs])
     collisions = node_collisions(states, problem.collision_radius)
     yield "breaks the dynamics", _beyond(dynamics_defect(states, controls, problem))
     yield "misses an end", _beyond(states[:, :, [0, -1]] - ends)
     yield "has another fuel than its controls", ~np.isclose(used, claimed, rtol=1e-9, atol=0)
     yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - none)
-    some = bound > none  # without any fuel the gap is a matter of definition
-    found = used / np.where(some, bound, 1.0) - 1
-    yield "has another gap than its fuel", some & ~np.isclose(found, gap, rtol=0, atol=1e-9)
+    yield "has a lower bound that is not 0 or more", ~(bound >= -none)
+    yield "has another gap than its fuel", ~np.isclose(found, gap, rtol=0, atol=1e-9)
     yield "has other node collisions than its states", collisions != colliding
     claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
     wrong, apart = _judged(states, controls, ends, problem, requirements)
@@ -173,7 +210,8 @@ class Fault:
     path: str  # the file, inside the folder
     what: str  # what is wrong with it
     foreign: bool = False  # whether it does not belong there at all
-    sound: bool = False  # whether it holds sound rows all the same, which are not given up unasked
+    # Whether it holds sound rows all the same, or their timings, which are not given up unasked
+    sound: bool = False
 
 
 @dataclass(frozen=True)
@@ -186,6 +224,10 @@ class Check:
     digest: str | None = None  # that the manifest gives it, or None
     solved: str | None = None  # of timings, the digest of the solved instances
     counted: int = 0  # rows that it counts for; a scenario that is solved counts once
+
+
+Checks = tuple[Check, ...]
+"""Of files that are checked together: of one shard, its scenarios first, or a foreign one."""
 
 
 def verify(
@@ -205,10 +247,12 @@ def verify(
     checks = [check for check in checks if check.name in present]
     checks += [Check(name, "foreign") for name in foreign if not BESIDE.fullmatch(name)]
     progress.expect(sum(check.counted for check in checks))
-    with closing(work_on(folder, workers, _faults, checks, _read, progress)) as results:
-        for check, faults in results:
+    groups = groupby(checks, lambda check: check.shard.solved if check.shard else check.name)
+    tasks = [tuple(group) for _, group in groups]
+    with closing(work_on(folder, workers, _faults, tasks, _read, progress)) as results:
+        for some, faults in results:
             yield from faults
-            progress.done(check.counted)
+            progress.done(sum(check.counted for check in some))
 
 
 def repair(
@@ -231,9 +275,16 @@ def repair(
         refuse_versions(folder, manifest)
         faults = list(verify(folder, workers=workers, progress=progress))
         left = {fault.path for fault in faults if fault.sound and not yes}
+        left |= {TIMINGS + path.removeprefix(SCENARIOS) for path in left}
+        kept = {path for path in left if folder.exists(path)}
+        faults = [replace(f, sound=f.sound or f.path in kept) for f in faults]
         for fault in faults:
             # Files of a run that was cut short may be sound; copies are written anew.
-            replaced = fault.path in (COPY, TIMED) or fault.what in (CUT_SHORT, UNTIMED)
+            replaced = fault.path in (COPY, TIMED) or fault.what in (
+                CUT_SHORT,
+                UNTIMED,
+                TIMED_AGAIN,
+            )
             if fault.path not in left and not replaced and folder.exists(fault.path):
                 set_aside(folder, fault.path, progress, *[FOREIGN] * fault.foreign)
         with committed(Ledger(folder, manifest, progress)) as ledger:
@@ -270,46 +321,113 @@ def _checks(folder: Folder, manifest: Manifest, *, checked: bool) -> Iterator[Ch
                 yield Check(shard.timings, "timings", shard)
 
 
-def _read(folder: Folder, check: Check) -> bytes | str:
-    """A file's content, or why it is not read; nothing of a foreign file that is no shard."""
-    if check.kind == "foreign" and not SHARD.fullmatch(check.name):
-        return b""
-    if folder.size(check.name) > MOST_BYTES:
-        return f"it is larger than {MOST_BYTES // 2**20} MiB"
-    try:
-        return folder.read(check.name)
-    except OSError as error:
-        return folder.reason(error)
+def _read(folder: Folder, checks: Checks) -> list[bytes | str]:
+    """Files' contents, or why one is not read; nothing of a foreign file that is no shard."""
+
+    def content(check: Check) -> bytes | str:
+        if check.kind == "foreign" and not SHARD.fullmatch(check.name):
+            return b""
+        if folder.size(check.name) > MOST_BYTES:
+            return f"it is larger than {MOST_BYTES // 2**20} MiB"
+        try:
+            return folder.read(check.name)
+        except OSError as error:
+            return folder.reason(error)
+
+    return [content(check) for check in checks]
 
 
-def _faults(check: Check, content: bytes | str) -> list[Fault]:
+def _faults(checks: Checks, contents: Sequence[bytes | str]) -> list[Fault]:
+    """Faults of all files of one shard, or of a foreign file."""
+    tables, faults = {}, []
+    for check, content in zip(checks, contents, strict=True):
+        table = _decoded(check, content)
+        if isinstance(table, Fault):
+            faults.append(table)
+            continue
+        tables[check.kind] = table
+        if check.shard:
+            faults += [Fault(check.name, what) for what in _wrong(table, check.kind, check.shard)]
+            if check.kind == "solved" and "scenarios" in tables:
+                faults += _other_scenarios(table, tables["scenarios"], check.shard)
+    return faults
+
+
+def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
+    """The table of a file, or why it is not what its shard must hold."""
     name, shard = check.name, check.shard
     if shard is None:
         alone = isinstance(content, bytes) and stands_alone(content)
-        return [Fault(name, NOT_EXPECTED, foreign=True, sound=alone)]
+        return Fault(name, NOT_EXPECTED, foreign=True, sound=alone)
     if isinstance(content, str):
-        return [Fault(name, f"cannot be read ({content})")]
+        return Fault(name, f"cannot be read ({content})")
     timings = check.kind == "timings"
     if check.digest is None and not timings:
-        return [Fault(name, CUT_SHORT)]
+        return Fault(name, CUT_SHORT)
     right = check.digest in (None, digest_of(content))
     if timings and not right:
-        return [Fault(name, f"does not have the digest that {TIMED} gives it")]
+        again = _is_timed_again(check, content, shard)
+        said = TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it"
+        return Fault(name, said)
     try:
         table = decode(content, shard.most)
     except InputError as error:
-        return [Fault(name, str(error), sound=not timings and stands_alone(content))]
+        return Fault(name, str(error), sound=not timings and stands_alone(content))
     other = _mismatch(table, check, shard)
     if other or not right:
         alone = bool(other) and not timings and stands_alone(content)
-        return [Fault(name, other if right else DIGEST, sound=alone)]
-    splits, faults = [split for split, _ in shard.sample.drawn_as(shard.rows)], []
-    if not timings and table["split"].to_pylist() != splits:
-        faults.append("has rows of other splits than they were drawn for")
-    if check.kind == "solved":
+        return Fault(name, other if right else DIGEST, sound=alone)
+    return table
+
+
+def _wrong(table: pa.Table, kind: str, shard: Shard) -> Iterator[str]:
+    """What is wrong with the rows of a shard."""
+    if kind != "timings":
+        yield from _scenario_faults(table, shard)
+    if kind == "solved":
         requirements = requirements_of(shard.about.solve)
-        faults += row_faults(table, shard.n, shard.about.problem, requirements)
-    return [Fault(name, what) for what in faults]
+        yield from row_faults(table, shard.n, shard.about.problem, requirements)
+
+
+def _scenario_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
+    """What is wrong with the scenarios of a shard, solved or not."""
+    if table["split"].to_pylist() != [split for split, _ in shard.sample.drawn_as(shard.rows)]:
+        yield "has rows of other splits than they were drawn for"
+    if {*table["n_spacecraft"].to_pylist()} != {shard.n}:
+        yield f"has rows of other swarm sizes than {shard.n}"
+    if {*table["family"].to_pylist()} != {shard.sample.family}:
+        yield f"has rows of other families than {shard.sample.family}"
+    try:
+        ends = [stacked(table, end, shard.n, 6) for end in ("initial", "goal")]
+    except ValueError:
+        yield "has ends of another shape"
+    else:
+        if not np.isfinite(ends).all():
+            yield "has ends that are not finite numbers"
+
+
+def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Iterator[Fault]:
+    """Where solved rows are not of their scenarios, which of them are not what is drawn anew."""
+    if same_scenarios(solved, scenarios):
+        return
+    try:
+        right = drawn_table(shard)
+    except ProlearnError:  # of another version, say
+        yield Fault(shard.solved, f"has other scenarios than {shard.scenarios}")
+        return
+    for path, rows in ((shard.solved, solved), (shard.scenarios, scenarios)):
+        if not same_scenarios(rows, right):
+            yield Fault(path, "has other scenarios than are drawn for it")
+
+
+def _is_timed_again(check: Check, content: bytes, shard: Shard) -> bool:
+    """Whether timings are whole and of the solved shard, though of another run than is known."""
+    try:
+        table = decode(content, shard.most)
+    except InputError:
+        return False
+    whole = encode(table) == content  # not every byte has a checksum
+    return whole and check.solved is not None and not _mismatch(table, check, shard)
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:

@@ -48,6 +48,15 @@ def test_sample_solve_verify_say_what_they_did(sampled):
     assert (status, said) == (0, f"{sampled} is sound: 6 rows.\n")
 
 
+def test_what_is_one_is_said_in_the_singular(tmp_path):
+    folder = tmp_path / "data"
+    _, said, _ = run("sample", "--n", 2, "--count", 1, "--out", folder, "--jobs", 1)
+    assert said == f"1 scenario of n=2 is in {folder}; solve it: prolearn solve {folder}\n"
+    (folder / "_scenarios/n=2/part-00000.parquet").unlink()
+    _, _, progress = run("solve", folder, "--jobs", 1)
+    assert "Scenario shards that are missing or damaged are drawn again: 1." in progress
+
+
 def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
     run("solve", sampled, "--jobs", 1)
     before = content(sampled)
@@ -86,6 +95,13 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["sample", "--out", "DATA", "--family", "cubes"], "'cubes'"),
         (["sample", "--out", "DATA", "--altitude", "-1"], "--altitude is -1"),
         (["sample", "--out", "DATA", "--altitude", "6e5"], "mean_motion"),
+        (["sample", "--out", "DATA", "--orbit", "{"], "--orbit is not JSON"),
+        (["sample", "--out", "DATA", "--orbit", "\udcff"], "--orbit is not JSON"),
+        (["sample", "--out", "DATA", "--orbit", "8e6"], "--orbit: input should be an object"),
+        (
+            ["sample", "--out", "DATA", "--orbit", '{"semi_major_axis":8e6,"semi_major_axis":9e6}'],
+            "--orbit: semi_major_axis is there twice",
+        ),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

@@ -113,6 +113,21 @@ def test_a_manifest_that_shards_contradict_costs_no_sound_row(solved, change):
     assert {*data} <= {*after}, "nothing is moved, unasked"
 
 
+def test_nothing_is_solved_again_once_the_right_manifest_is_back(solved, monkeypatch):
+    """Timings stay with the rows that are left alone, though the wrong manifest fits neither."""
+    before, right = rows(solved), (solved / MANIFEST).read_bytes()
+    forge(solved, lambda manifest: manifest["samples"]["3"].update(seed=6))
+    left = {fault.path for fault in repair(solved, workers=ONE) if fault.sound}
+    assert {f"{top}{SHARD}" for top in ("", "_scenarios/", "_timings/")} <= left
+    assert rows(solved) == before
+    for name in (MANIFEST, COPY):
+        (solved / name).write_bytes(right)
+    monkeypatch.setattr("pipeline.dataset.making.solve_many", None)
+    assert repair(solved, workers=ONE) == []
+    solve(solved, Settings(), workers=ONE)
+    assert rows(solved) == before
+
+
 def test_sound_rows_that_are_not_expected_go_only_when_asked_for_and_are_kept(solved, tmp_path):
     twin = Path(shutil.copytree(solved, tmp_path / "twin"))
     forge(solved, lambda manifest: manifest["problem"].update(time_step=122.0))
@@ -179,6 +194,22 @@ def test_timings_that_are_swapped_damaged_or_gone_are_a_fault_and_come_back(solv
     assert path.exists()
     assert faults(solved) == []
     assert content(solved) == before
+
+
+def test_timings_of_another_run_of_the_same_rows_are_adopted(solved, tmp_path, monkeypatch):
+    """As of two runs at once on an object store, which has no lock."""
+    twin = Path(shutil.copytree(solved, tmp_path / "twin"))
+    shutil.rmtree(twin / "n=3")
+    solve(twin, Settings(), workers=ONE)
+    other = (twin / "_timings" / SHARD).read_bytes()
+    assert other != (solved / "_timings" / SHARD).read_bytes()
+    (solved / "_timings" / SHARD).write_bytes(other)
+    assert [fault.what[:8] for fault in faults(solved)] == ["is whole"]
+    monkeypatch.setattr("pipeline.dataset.making.solve_many", None)
+    repair(solved, workers=ONE)
+    assert faults(solved) == []
+    assert (solved / "_timings" / SHARD).read_bytes() == other
+    assert not (solved / "_damaged").exists()
 
 
 def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved):

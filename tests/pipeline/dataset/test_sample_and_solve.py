@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from contents import content
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 from cli.main import app
 from pipeline.dataset import making as stage
 from pipeline.dataset.making import sample, solve
-from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.manifest import most_rows, read_manifest
 from pipeline.dataset.reading import examples, solved_rows
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import SOLVED_FIELDS, scenarios_of, stacked
@@ -28,7 +29,7 @@ from pipeline.plan import Requirements
 from pipeline.scenario import draw
 from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import Folder
-from pipeline.storage.shards import METADATA_KEY
+from pipeline.storage.shards import METADATA_KEY, encode
 
 ONE = Workers(jobs=1)
 
@@ -335,6 +336,34 @@ def test_plans_of_other_settings_are_not_adopted(solved, tmp_path):
     sample(solved, {2: Sample(count=7, shard_rows=3)}, Problem(), workers=ONE)
     solve(solved, Settings(), workers=ONE)
     assert (solved / name).read_bytes() == right
+
+
+def test_files_that_are_too_large_to_be_checked_are_refused_before_anything_is_made(tmp_path):
+    folder, most = tmp_path / "data", most_rows(10, Problem())
+    message = rf"a file of {most + 1} scenarios of n=10 is too large .*--rows-per-shard .* {most}\."
+    with pytest.raises(InputError, match=message):
+        sample(folder, {10: Sample(count=most + 9, shard_rows=most + 1)}, Problem(), workers=ONE)
+    assert not folder.exists()
+    # A shard of a million rows that has but some
+    sample(folder, {10: Sample(count=2, shard_rows=10**6)}, Problem(), workers=ONE)
+
+
+@pytest.mark.parametrize(("n", "nodes"), [(1, 3), (10, 11), (100, 4)])
+def test_the_largest_files_fit_into_what_is_read(n, nodes):
+    """Rows whose numbers no compression makes smaller, with the longest of names."""
+    problem, rng, rows = Problem(nodes=nodes), np.random.default_rng(0), 200_000 // (n * nodes)
+    shapes = {"initial": 6, "goal": 6, "states": 6 * nodes, "controls": 3 * (nodes - 1)}
+
+    def values(name, kind):
+        if name in shapes:
+            return [*rng.random((rows, n * shapes[name]))]
+        if kind == pa.string():
+            return [f"coplanar-split-s4294967295-n1000-train-{k:010d}" for k in range(rows)]
+        return rng.integers(2**31, size=rows) if kind == pa.int32() else rng.random(rows)
+
+    arrays = [pa.array(values(one.name, one.type), one.type) for one in SOLVED_FIELDS]
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(SOLVED_FIELDS))
+    assert len(encode(table)) / rows < 2**31 / most_rows(n, problem)
 
 
 def test_workers_that_cannot_be_are_refused():

@@ -12,11 +12,13 @@ from judge import judge_dataset
 
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.verifying import repair, verify
+from pipeline.dataset.schema import metadata, scenario_table
+from pipeline.dataset.verifying import repair, stands_alone, verify
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.scenario import Scenario
 from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import open_folder
 from pipeline.storage.ledger import write_checked
@@ -110,9 +112,9 @@ def test_foreign_files_are_named_and_moved_out_of_the_readers_way(solved):
     assert pq.read_table(solved).num_rows == 13
 
 
-def forge(folder, change):
+def forge(folder, change, name=SHARD):
     """Change a shard and give the manifest its new digest, as only a bug of ours could."""
-    path = folder / SHARD
+    path = folder / name
     table = pq.read_table(path, partitioning=None)
     columns = {name: table[name].to_pylist() for name in table.column_names}
     change(columns)
@@ -120,7 +122,7 @@ def forge(folder, change):
     content = encode(pa.Table.from_arrays(arrays, schema=table.schema))
     path.write_bytes(content)
     manifest = read_manifest(folder)
-    shards = {**manifest.shards, SHARD: digest_of(content)}
+    shards = {**manifest.shards, name: digest_of(content)}
     write_checked(open_folder(folder), MANIFEST, replace(manifest, shards=shards).fields(), COPY)
 
 
@@ -160,6 +162,43 @@ def no_number(columns):
     columns["states"][1][9] = float("nan")
 
 
+def no_fuel(columns):
+    columns["fuel_lower_bound"][1] = 0.0  # the gap stays
+
+
+def less_than_none(columns):
+    fuel = columns["fuel"][1]
+    columns["fuel_lower_bound"][1], columns["optimality_gap"][1] = -fuel, float("inf")
+
+
+def uncounted(columns):
+    columns["convex_solves"][1] = None
+
+
+def counted_down(columns):
+    columns["convex_solves"][1] = -5
+
+
+def touching(columns):
+    columns["min_separation"][1] = None
+
+
+def without_plan(columns, *kept):
+    gone = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
+    for name in {*gone, "min_separation"} - {*kept}:
+        columns[name][1] = None
+
+
+def banana(columns):
+    without_plan(columns)
+    columns["status"][1] = "banana"
+
+
+def infeasible(columns):
+    without_plan(columns, "min_separation")
+    columns["status"][1] = "infeasible"
+
+
 @pytest.mark.parametrize(
     ("change", "what"),
     [
@@ -172,6 +211,13 @@ def no_number(columns):
         (hit, "has other node collisions than its states"),
         (unflown, "is not whole"),
         (no_number, "breaks the dynamics"),
+        (no_fuel, "has another gap than its fuel"),
+        (less_than_none, "has a lower bound that is not 0 or more"),
+        (uncounted, "is not whole"),
+        (counted_down, "has taken fewer than no convex programs"),
+        (touching, "is not whole"),
+        (banana, "has none of the statuses solved, infeasible, unsolved, unsafe"),
+        (infeasible, "is not whole"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
@@ -181,6 +227,85 @@ def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, change, 
     assert (SHARD, f"rings-s5-n3-train-000004 {what}") in found(solved)
     repair(solved, workers=ONE)
     assert content(solved) == before
+
+
+def repeated(columns):
+    for name in columns.keys() - {"scenario_id", "split"}:
+        columns[name][1] = columns[name][0]
+
+
+def relabelled(columns):
+    """The second row, its craft in another order throughout."""
+    for name in ("initial", "goal", "states", "controls"):
+        craft = np.reshape(columns[name][1], (3, -1))
+        columns[name][1] = np.roll(craft, 1, axis=0).ravel()
+
+
+def one_more(columns):
+    columns["n_spacecraft"][1] = 4
+
+
+def another_family(columns):
+    columns["family"][1] = "dense"
+
+
+def five_metres(columns):
+    columns["goal"][1][0] += 5.0
+
+
+def nowhere(columns):
+    columns["goal"][1][0] = float("nan")
+
+
+def uneven(columns):
+    columns["goal"][0].append(columns["goal"][1].pop(0))
+
+
+OTHER = "has other scenarios than are drawn for it"
+SIZES, FAMILIES = "has rows of other swarm sizes than 3", "has rows of other families than rings"
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "what"),
+    [
+        (repeated, SHARD, {OTHER}),
+        (relabelled, SHARD, {OTHER}),
+        (one_more, SHARD, {OTHER, SIZES}),
+        (another_family, SHARD, {OTHER, FAMILIES}),
+        (one_more, "_scenarios/" + SHARD, {OTHER, SIZES}),
+        (another_family, "_scenarios/" + SHARD, {OTHER, FAMILIES}),
+        (five_metres, "_scenarios/" + SHARD, {OTHER}),
+        (nowhere, "_scenarios/" + SHARD, {OTHER, "has ends that are not finite numbers"}),
+        (uneven, "_scenarios/" + SHARD, {OTHER, "has ends of another shape"}),
+    ],
+    ids=lambda value: getattr(value, "__name__", None),
+)
+def test_rows_of_other_scenarios_than_were_drawn_are_found_where_they_are(
+    solved, change, name, what
+):
+    """And made again, though digests, and the physics of each row, are right."""
+    before = content(solved)
+    forge(solved, change, name)
+    assert {fault for fault in found(solved) if "_timings" not in fault[0]} == {
+        (name, one) for one in what
+    }
+    repair(solved, workers=ONE)
+    assert content(solved) == before
+    assert found(solved) == set()
+
+
+def test_rows_of_other_scenarios_are_found_by_other_versions_too(solved, monkeypatch):
+    """Which cannot draw them, and so cannot say whether plans or scenarios are wrong."""
+    forge(solved, five_metres, "_scenarios/" + SHARD)
+    monkeypatch.setattr("pipeline.dataset.making.SAMPLED_BY", (("pipeline/orbit",), ("numpy",)))
+    assert found(solved) == {(SHARD, f"has other scenarios than _scenarios/{SHARD}")}
+
+
+def test_a_large_shard_of_another_dataset_is_known_to_hold_sound_rows():
+    n, rows, rng = 1000, 1700, np.random.default_rng(0)
+    about = metadata(Problem(), {}, {})
+    swarms = [Scenario(Problem(), *rng.random((2, n, 6)), "rings", "") for _ in range(rows)]
+    assert stands_alone(encode(scenario_table(swarms, ["test"] * rows, about)))
 
 
 def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
