@@ -137,7 +137,7 @@ def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, Rows]]:
     status = np.array(table["status"].to_pylist())
     yield f"has none of the statuses {', '.join(STATUSES)}", ~np.isin(status, STATUSES)
     fewer = pc.less(table["convex_solves"], 0).fill_null(False).to_numpy()
-    yield "has taken fewer than no convex programs", fewer
+    yield "has a negative number of convex programs", fewer
 
 
 def _row_checks(

@@ -214,7 +214,7 @@ def infeasible(columns):
         (no_fuel, "has another gap than its fuel"),
         (less_than_none, "has a lower bound that is not 0 or more"),
         (uncounted, "is not whole"),
-        (counted_down, "has taken fewer than no convex programs"),
+        (counted_down, "has a negative number of convex programs"),
         (touching, "is not whole"),
         (banana, "has none of the statuses solved, infeasible, unsolved, unsafe"),
         (infeasible, "is not whole"),
