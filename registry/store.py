@@ -27,10 +27,12 @@ from filelock import FileLock, Timeout
 from mlflow.entities import ViewType
 from mlflow.exceptions import MlflowException
 from mlflow.telemetry import set_telemetry_client
+from sqlalchemy import create_engine, event
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import refuse_undecodable
+from pipeline.parallel.processes import waiting_signals
 from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
 from pipeline.text import public, public_url, sqlite_url
 from registry.entities import pages
@@ -127,7 +129,9 @@ def explained(uri: str) -> Iterator[None]:
         yield
     except FAILURES as error:
         if uri.startswith("sqlite:"):
-            check_whole(database_path(uri))
+            path = database_path(uri)
+            check_whole(path)
+            _check_made(path)
         reason = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
         raise ProlearnError(
             f"The tracking store {public_url(uri)} failed ({public(reason, uri)[:300]}); expected "
@@ -188,6 +192,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
         path, (_, mark, query) = database_path(uri), uri.partition("?")
         locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
         with guarded(path, create=create):
+            _set_up(path)
             return _open(f"{sqlite_url(path)}{mark}{query}", locations, path if create else None)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
         raise InputError(
@@ -197,6 +202,25 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
     if uri.startswith(("http://", "https://")):
         _check_reachable(uri)
     return _open(uri, dict.fromkeys(names))
+
+
+def _set_up(path: Path) -> None:
+    """Have MLflow make the tables that an SQLite file lacks, all or those of newer versions.
+
+    MLflow's own connection commits halves of its steps, on which no later process can go on. Here
+    each step is one transaction, so that the next process begins with the one that a kill undid.
+    """
+    from mlflow.store.db import utils  # slow to import, and only files need it
+
+    engine = create_engine(sqlite_url(path))
+    event.listen(engine, "connect", lambda made, _: setattr(made, "isolation_level", None))
+    event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN"))
+    try:
+        if not utils._all_tables_exist(engine):
+            with waiting_signals():  # Alembic takes Ctrl-C for a failure of the database
+                utils._initialize_tables(engine)
+    finally:
+        engine.dispose()
 
 
 def _open(uri: str, locations: Mapping[str, str | None], written: Path | None = None) -> Store:
@@ -345,6 +369,23 @@ def check_whole(path: Path) -> None:
             f"{path} is damaged ({verdict.splitlines()[-1]}); expected a sound SQLite tracking "
             f"store: restore a copy, {ADVICE}."
         )
+
+
+def _check_made(path: Path) -> None:
+    """Raise InputError for a failed store that lacks tables and holds no runs.
+
+    Earlier versions of prolearn left those behind where they were killed.
+    """
+    from mlflow.store.db.base_sql_model import Base
+
+    with suppress(sqlite3.OperationalError):  # no table of runs, locked, or a disk that fails
+        tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
+        lacking = tables and not {*Base.metadata.tables} <= tables
+        if lacking and not _read(path, "SELECT run_uuid FROM runs LIMIT 1"):
+            raise InputError(
+                f"{path} was left half made by a command that was killed, and holds no runs; "
+                "expected a whole tracking store: delete it and run the same command again."
+            )
 
 
 def _read(path: Path, query: str) -> list[tuple[str]]:

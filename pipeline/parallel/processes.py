@@ -98,7 +98,7 @@ def _starting_processes() -> Iterator[None]:
         return
     for tracker in (resource_tracker, loky_tracker):
         tracker.ensure_running()  # one that started in the block would undo it
-    with _waiting_signals():
+    with waiting_signals():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield
@@ -107,7 +107,7 @@ def _starting_processes() -> Iterator[None]:
 
 
 @contextmanager
-def _waiting_signals() -> Iterator[None]:
+def waiting_signals() -> Iterator[None]:
     """Signals that end this process are handled after the block.
 
     A mask would not do: where another thread has none, this one still runs the handler.

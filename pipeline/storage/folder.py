@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote_to_bytes
+from urllib.parse import unquote, unquote_to_bytes
 
 import pyarrow as pa
 from pyarrow import fs
@@ -16,6 +16,10 @@ from pipeline.files import path_of, published, refuse_undecodable, unfinished
 from pipeline.text import public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
+
+# Schemes that Arrow alone reads; of abfs, fsspec also takes an account from the environment
+ARROWS = ("s3", "gs", "gcs", "hdfs", "viewfs")
+GCS_SECONDS = 30  # of tries, which no signal ends and Arrow by itself goes on with for minutes
 
 WITHOUT_FOLDERS = ("s3", "gcs", "abfs")  # Arrow's filesystems in which names have slashes, no more
 
@@ -51,6 +55,8 @@ class Folder:
             with self._reaching():
                 infos = [info for info in self.files.get_file_info(every) if info.is_file]
             found = [info.path.lstrip("/") for info in infos]
+            if self.url.startswith(("http://", "https://")):  # whose names are parts of links
+                found = [unquote(name) for name in found]
         return sorted(name for name in found if not unfinished(Path(name)))
 
     def top(self) -> list[str]:
@@ -150,7 +156,9 @@ def open_folder(where: Where | Folder) -> Folder:
     url = str(where)
     if url.lower().startswith("file://"):
         return open_folder(_local_path(url))
-    if "://" in url:
+    scheme, mark, rest = url.partition("://")
+    if mark:
+        url = f"{scheme.lower()}://{rest}"
         files, root = _filesystem(url)
         return Folder(url, fs.SubTreeFileSystem(root, files))
     path = path_of(where)
@@ -177,10 +185,18 @@ def _local_path(url: str) -> Path:
 
 def _filesystem(url: str) -> tuple[Any, str]:
     """Arrow's own filesystem for a URL, or else fsspec's, and the folder's path there."""
+    scheme, asked = url.partition("://")[0], url
+    if scheme in ("gs", "gcs") and "retry_limit_seconds=" not in url:
+        asked += f"{'&' if '?' in url else '?'}retry_limit_seconds={GCS_SECONDS}"
     try:
         try:
-            return fs.FileSystem.from_uri(url)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            return fs.FileSystem.from_uri(asked)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            if scheme in ARROWS and isinstance(error, pa.ArrowInvalid):
+                raise InputError(
+                    f"{public_url(url)} is no URL that pyarrow reads ({_reason(error, url)}); "
+                    "expected one with settings that pyarrow knows."
+                ) from None
             import fsspec  # only for kinds of URL that Arrow does not know
 
             files, root = fsspec.url_to_fs(url)

@@ -5,7 +5,10 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from threading import Barrier, Lock
+from datetime import timedelta
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from threading import Barrier, Lock, Thread
 
 import fsspec
 import pyarrow.dataset as pads
@@ -137,6 +140,43 @@ def test_a_file_url_of_another_machine_or_of_no_path_is_refused(url):
 def test_a_url_of_no_known_kind_is_refused():
     with pytest.raises(InputError, match="nowhere://x is on no known filesystem"):
         open_folder("nowhere://x")
+
+
+@pytest.mark.parametrize("url", ["s3://bucket/n6", "S3://key:secret@bucket/n6", "gs://bucket/n6"])
+def test_a_setting_in_a_url_that_arrow_does_not_know_is_named(url):
+    said = "bucket/n6 is no URL that pyarrow reads .*parameter in .*: 'bogus'"
+    with pytest.raises(InputError, match=said):
+        open_folder(f"{url}?bogus=1")
+
+
+@pytest.mark.parametrize("url", ["S3://bucket/n10?region=x", "Memory://n10"])
+def test_a_scheme_may_be_in_capitals(url):
+    assert open_folder(url) == open_folder(url.replace(url[:6], url[:6].lower()))
+
+
+@pytest.mark.parametrize(
+    ("query", "seconds"), [("", 30), ("?scheme=http&retry_limit_seconds=2", 2)]
+)
+def test_google_is_tried_for_half_a_minute_or_as_long_as_the_url_says(query, seconds):
+    files = open_folder(f"gs://anonymous@bucket/n10{query}").files.base_fs
+    _, (settings,) = files.__reduce__()
+    assert settings["retry_time_limit"] == timedelta(seconds=seconds)
+
+
+def test_a_dataset_on_a_web_server_is_verified(solved):
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *_):
+            pass
+
+    serve = partial(Quiet, directory=solved)
+    with ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            url = f"http://127.0.0.1:{server.server_port}"
+            assert open_folder(url).names() == open_folder(solved).names()
+            assert list(verify(url, workers=ONE)) == []
+        finally:
+            server.shutdown()
 
 
 class Filling(Progress):

@@ -22,6 +22,9 @@ from torture.tally import Outcome, Tally
 
 KILLED, TERMINATED, FULL = "kill -9", "SIGTERM", "full disk"
 
+FIRST = "train without a store"
+"""The command that makes one."""
+
 ROOM = 2048
 """Bytes that a file may still have once the disk is full: enough for what a command says."""
 
@@ -99,6 +102,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], Facts]] = {
         columns,
     ),
     "train": ((*TRAIN, "--seed", "7"), facts),
+    FIRST: (TRAIN, facts),
     "evaluate": ((*EVALUATE, "--trials", "3"), facts),
     "warmstart": ((*WARMSTART, "--n", "2"), facts),
     "transfer-times": (
@@ -148,11 +152,18 @@ class Interruption:
             outcome, story = self._one(kind, name)
             self._tally.add(kind, f"{len(COMMANDS)} commands", outcome, f"{name} {story}")
 
+    def _fresh(self, name: str) -> Path:
+        """A fresh copy of the project, as a command finds it."""
+        folder = self._bench.fresh()
+        if name == FIRST:
+            (folder / "mlflow.db").unlink()
+        return folder
+
     def _undisturbed(self, name: str) -> tuple[Any, float]:
         """What a command leaves that nobody interrupts, and how long it takes."""
         if name not in self._usual:
             arguments, left = COMMANDS[name]
-            folder, started = self._bench.fresh(), time.monotonic()
+            folder, started = self._fresh(name), time.monotonic()
             status, _, err = self._bench.run(*arguments)
             assert status == 0, err
             self._usual[name] = left(folder), time.monotonic() - started
@@ -161,7 +172,7 @@ class Interruption:
     def _one(self, kind: str, name: str) -> tuple[Outcome, str]:
         arguments, left = COMMANDS[name]
         wanted, seconds = self._undisturbed(name)
-        folder, moment = self._bench.fresh(), self._chance.uniform(0, seconds)
+        folder, moment = self._fresh(name), self._chance.uniform(0, seconds)
         workers: list[int] = []
 
         def meanwhile(process: int) -> None:
