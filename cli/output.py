@@ -34,7 +34,7 @@ def echo(*lines: object, err: bool = False) -> None:
 
 
 def wide_console() -> Console:
-    """Standard output for rich: a terminal of its width, or what cuts and wraps nothing."""
+    """Rich console of standard output: as wide as the terminal, or too wide to wrap elsewhere."""
     console = Console()
     return console if console.is_terminal else Console(width=WIDE)
 

@@ -75,7 +75,7 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
 
 
 def document_in(content: bytes, kind: type[Document], where: object, what: str) -> Document:
-    """The document of a kind in a JSON text; InputErrors name where that is."""
+    """Parse and validate a JSON text as a document; InputErrors name where the text is from."""
     try:
         value = parsed(content)
         _refuse_repeated(content)

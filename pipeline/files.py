@@ -21,7 +21,7 @@ _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
 
 
 def path_of(given: str | os.PathLike[str]) -> Path:
-    """The path that is given as one or as text; InputError for anything else."""
+    """Convert text or a path to a Path; InputError for anything else."""
     check_kind("path", given, str | os.PathLike)
     return Path(given)
 
@@ -41,7 +41,7 @@ def make_folder(folder: Path) -> None:
 
 
 def _lowest(folder: Path) -> Path:
-    """What there is of a path of folders: itself or the lowest above it."""
+    """The folder itself if it exists, or its lowest parent that does."""
     return next(path for path in (folder, *folder.parents) if os.path.lexists(path))
 
 
@@ -66,7 +66,7 @@ def refuse_special(path: Path) -> None:
 
 
 def refuse_undecodable(path: Path) -> None:
-    """Raise InputError for a name that is not UTF-8, of which some libraries open no file."""
+    """Raise InputError for a path that is not UTF-8, which some libraries cannot open."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -76,7 +76,7 @@ def refuse_undecodable(path: Path) -> None:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Raise what ``published`` would, before there is work to be lost; nothing is made that stays.
+    """Raise the error that writing a file would, before its content is computed; leave no file.
 
     InputError, or the OSError of a folder that cannot be written to or of a name that is too long.
     """
@@ -96,7 +96,7 @@ def refuse_unwritable(path: Path) -> None:
 
 
 def _place_of(path: Path) -> Path:
-    """The file that is written, of a symbolic link what it names; InputError where none can be."""
+    """A path with symbolic links followed; InputError where no file can be written there."""
     refuse_special(path)
     if path.is_symlink():
         path = Path(os.path.realpath(path))

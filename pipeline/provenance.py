@@ -38,7 +38,7 @@ def version_of(package: str) -> str:
 
 
 def module_digest(name: str) -> str:
-    """Digest of what an importable module does, or a package with all its modules."""
+    """Digest of the code of an importable module, or of all modules of a package."""
     found = find_spec(name)
     places = (found.submodule_search_locations or [found.origin or ""]) if found else []
     return "".join(code_digest((path.name,), path.parent) for path in map(Path, places))

@@ -38,7 +38,7 @@ EVALUATED_BY: DecidedBy = (
 
 
 def with_architectures(decided_by: DecidedBy, names: Iterable[str]) -> DecidedBy:
-    """What decides a result of networks: of architectures that others bring, their code as well."""
+    """What decides a result of networks, with the code of third-party architectures among them."""
     parts, packages = decided_by
     return parts, (*packages, *code_of_others(names))
 

@@ -292,7 +292,7 @@ def _find(store: Store, reference: str) -> ModelVersion:
 
 
 def _registered(name: str) -> str:
-    """Name of a registered model, by that or by its architecture."""
+    """Name of the registered model, given that name or the architecture's."""
     return name if name.startswith(PREFIX) else PREFIX + name
 
 

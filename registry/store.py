@@ -205,7 +205,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
 
 
 def _set_up(path: Path) -> None:
-    """Have MLflow make the tables that an SQLite file lacks, all or those of newer versions.
+    """Create or migrate MLflow's tables in an SQLite file, each migration in one transaction.
 
     MLflow's own connection commits halves of its steps, on which no later process can go on. Here
     each step is one transaction, so that the next process begins with the one that a kill undid.

@@ -93,7 +93,7 @@ def draw_shard(shard: Shard, _: bytes) -> NewShard:
 
 
 def drawn_table(shard: Shard) -> pa.Table:
-    """The scenarios of a shard, drawn; ProlearnError by other versions than it was begun with."""
+    """Draw the scenarios of a shard; ProlearnError where other versions began the dataset."""
     about, one = shard.about, shard.sample
     check_worker(about.made_with.sample, SAMPLED_BY)
     drawn = one.drawn_as(shard.rows)

@@ -85,6 +85,8 @@ DIGEST = "does not have the digest that the manifest gives it"
 CUT_SHORT = "is not in the manifest; the run that made it was cut short"
 UNTIMED = f"is not in {TIMED}"
 TIMED_AGAIN = f"is whole, but not the one that {TIMED} has; two runs at once made it"
+# Files of a run that was cut short, or ran beside another, may be sound; copies are written anew.
+REPLACED = (CUT_SHORT, UNTIMED, TIMED_AGAIN)
 NOT_EXPECTED = "does not belong to this dataset"
 FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
 
@@ -279,12 +281,7 @@ def repair(
         kept = {path for path in left if folder.exists(path)}
         faults = [replace(f, sound=f.sound or f.path in kept) for f in faults]
         for fault in faults:
-            # Files of a run that was cut short may be sound; copies are written anew.
-            replaced = fault.path in (COPY, TIMED) or fault.what in (
-                CUT_SHORT,
-                UNTIMED,
-                TIMED_AGAIN,
-            )
+            replaced = fault.path in (COPY, TIMED) or fault.what in REPLACED
             if fault.path not in left and not replaced and folder.exists(fault.path):
                 set_aside(folder, fault.path, progress, *[FOREIGN] * fault.foreign)
         with committed(Ledger(folder, manifest, progress)) as ledger:
@@ -407,7 +404,7 @@ def _scenario_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
 
 
 def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Iterator[Fault]:
-    """Where solved rows are not of their scenarios, which of them are not what is drawn anew."""
+    """Faults where solved rows have other scenarios than drawn: which of the two files is wrong."""
     if same_scenarios(solved, scenarios):
         return
     try:
@@ -421,7 +418,7 @@ def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Ite
 
 
 def _is_timed_again(check: Check, content: bytes, shard: Shard) -> bool:
-    """Whether timings are whole and of the solved shard, though of another run than is known."""
+    """Whether timings are undamaged and of this solved shard, though another run wrote them."""
     try:
         table = decode(content, shard.most)
     except InputError:

@@ -232,7 +232,7 @@ class ConicProgram:
 
 
 def clarabel_settings(*, careful: bool) -> clarabel.DefaultSettings:
-    """Clarabel's solver settings: tolerances, and one thread, as instances run side by side.
+    """Clarabel's solver settings: tolerances, and a single thread, since solvers run in parallel.
 
     A careful solver has equilibration and iterative refinement, which these well-scaled programs
     hardly ever need and which take half of the time.

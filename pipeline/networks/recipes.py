@@ -87,7 +87,7 @@ def distribution_of(name: str) -> str | None:
 
 
 def code_of_others(names: Iterable[str]) -> tuple[str, ...]:
-    """Distributions and modules, as of ``DecidedBy``, of architectures that are not our own."""
+    """Distributions and modules of third-party architectures, as ``DecidedBy`` names them."""
     brought = {name: distribution_of(name) for name in sorted({*names})}
     found = (
         f"{distribution}:{entry_point(name).module.partition('.')[0]}"

@@ -62,7 +62,7 @@ class Supervised(ABC):
 
     @property
     def unused(self) -> frozenset[str]:
-        """Recipe fields without effect: ``crowded``, and for most ``collision_weight``."""
+        """Recipe fields that training ignores: ``crowded``, and mostly ``collision_weight``."""
         return frozenset({"crowded"} if self.collision else {"crowded", "collision_weight"})
 
     @abstractmethod

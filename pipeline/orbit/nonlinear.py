@@ -72,7 +72,7 @@ def flown_arcs(
         flown = slice(k, min(k + together, count))
         window = arcs.window(slice(first + flown.start, first + flown.stop))
         found[:, flown] = _window(window, orbit, state, controls[:, flown], ballistics)
-        _refuse_impact((window.origin + window.frame.to_inertial(found[:, flown]))[..., :3])
+        _refuse_impact(found[:, flown, ..., :3], norm(window.origin[..., :3]))
         state = found[:, flown.stop - 1, -1, -1]
     return found
 
@@ -152,9 +152,9 @@ def nodes_in_world(initial: Formation, controls: Controls, problem: Problem) -> 
 
 
 def most_deviation(states: States, controls: Controls, problem: Problem) -> float:
-    """Bound on how far a flight through node states is from linear motion from each node on, m.
+    """Upper bound on the distance of a flight from linear motion that starts at each node, m.
 
-    By the sum of the Chebyshev coefficients of what is between them, at any time of any craft.
+    Of any craft at any time, by the sum of the absolute Chebyshev coefficients of the difference.
     """
     arcs = _arcs(states[:, 0], controls, problem)[..., :3]
     pieces = arcs.shape[2]
@@ -234,9 +234,9 @@ def _window(
     )
 
 
-def _refuse_impact(position: Float[Array, "n K M q 3"]) -> None:
-    """Refuse flights through the Earth, whose gravity is not that of a point there."""
-    least = float(norm(position).min())
+def _refuse_impact(position: Float[Array, "n K M q 3"], radius: Float[Array, "K M q"]) -> None:
+    """Refuse flights through the Earth, by LVLH positions and the reference's orbital radius, m."""
+    least = float(norm(position + radius[..., None] * [1.0, 0.0, 0.0]).min())
     if least < R_EARTH:
         raise ProlearnError(
             f"a craft comes within {least / 1e3:.6g} km of the Earth's centre; expected flights "
@@ -256,7 +256,7 @@ def _linear(
 
 
 def _added(arcs: Arcs, acceleration: Float[Array, "n K M q 3"]) -> Float[Array, "n K M q 6"]:
-    """Changes of the states at all points by accelerations there, by variation of constants."""
+    """State changes at the collocation points due to accelerations, by variation of constants."""
     integral = arcs.half * (INTEGRAL @ np.matvec(arcs.back, acceleration))
     ends = np.cumsum(integral[:, :, :, -1], axis=2)  # of pieces, since the interval's start
     integral[:, :, 1:] += ends[:, :, :-1, None]

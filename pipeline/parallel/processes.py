@@ -108,7 +108,7 @@ def _starting_processes() -> Iterator[None]:
 
 @contextmanager
 def waiting_signals() -> Iterator[None]:
-    """Signals that end this process are handled after the block.
+    """Delay the handlers of signals that end this process until the block is done.
 
     A mask would not do: where another thread has none, this one still runs the handler.
     """

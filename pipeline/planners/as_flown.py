@@ -118,7 +118,7 @@ class AsFlown(PlannerWrapper):
 
 
 def _rank(plan: Plan) -> tuple[bool, bool, float]:
-    """Order of plans from the best on."""
+    """Sort key of plans: the best comes first."""
     return plan.status != SOLVED, not plan.as_flown, plan.certificate.fuel
 
 
@@ -218,7 +218,7 @@ def _corrected(
 def _as_corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The corrected plan; ProlearnError where the first controls cannot be flown, or not there."""
+    """The corrected plan; ProlearnError where it cannot be flown or ends far from its goals."""
     timed = replace(scenario, waypoints=passed)
     controls, states = _meeting(timed, linear.controls)
     made = _made(timed, controls, states, linear)
@@ -238,9 +238,9 @@ def _as_corrected(
 
 
 def _meeting(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
-    """Controls whose flight is where craft must be, and its node states, from others near them.
+    """Differential correction: controls, and node states of their flight, that meet the goals.
 
-    Those that miss least where corrections do not lead there, nor to POSITION_TOLERANCE.
+    Waypoints too. The controls that miss least where corrections do not reach POSITION_TOLERANCE.
     """
     problem, at = scenario.problem, _arrivals(scenario)
     tried: list[tuple[float, Controls, States]] = []  # with what is missed, in GOAL_TOLERANCE

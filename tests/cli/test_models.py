@@ -62,7 +62,7 @@ def test_a_version_that_was_never_evaluated_is_listed_without_numbers(
 def test_one_version_is_shown_to_the_last_character(
     terminal: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a terminal values go on in the next line, elsewhere each is on one."""
+    """Long values wrap on a terminal and stay on one line in a pipe or file."""
     digest = "0123456789abcdef" * 16
     long = replace(VERSION, params={"dataset_digest": digest})
     monkeypatch.setattr(models, "resolve", lambda _: long)

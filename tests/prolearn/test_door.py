@@ -257,7 +257,7 @@ def test_a_planner_that_is_there_takes_no_options_in_silence(plan, options, word
 
 
 class Nearly:
-    """All of a planner but its requirements."""
+    """A planner object without the attribute ``requirements``."""
 
     name = "nearly"
 

@@ -1,4 +1,4 @@
-"""A fresh tracking store, killed (-9) while MLflow makes its tables: the next command goes on."""
+"""Kill -9 while MLflow creates the tables of a new store: the next command completes it."""
 
 import signal
 import sqlite3
@@ -33,7 +33,7 @@ def killed(step):
 
 print(len([*kills(killed)]))
 """
-"""Opens the store that the time before has left, each time for 40 statements more."""
+"""Program that opens the store again and again, each time killed 40 SQL statements later."""
 
 
 def columns(path: Path) -> set[tuple[str, str]]:

@@ -43,7 +43,7 @@ def test_a_pass_in_a_straight_line_is_bounded_by_at_most_twice_its_probability(
 
 @pytest.mark.parametrize("sigma", [0.3, 1.0, 20.0])
 def test_a_pair_that_comes_near_by_a_jump_at_a_node_is_not_overlooked(sigma):
-    """As states of a flight may, which is not the linear motion that they are taken for between."""
+    """A nonlinear flight is not at the node to which linear motion from the last one leads."""
     deviation = sigma * 2**0.5
     states, controls, problem = passing(15 + 6 * deviation, 0.0)
     states[1, 5, 1] = 15 + deviation
