@@ -239,24 +239,24 @@ def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> lis
 def _say(made: "ExportedModel") -> None:
     from pipeline.networks.refiner.on_board_export import ExportedCraft
 
-    file, checked = made.file, made.file.checked
+    file = made.file
     if isinstance(file, ExportedCraft):
         steps = ", ".join(f"{name} {kib:.0f} KiB" for name, kib in file.kib.items())
-        times = ", ".join(f"{s * 1e3:.2g} ms ({name})" for name, s in checked.seconds.items())
+        times = ", ".join(f"{s * 1e3:.2g} ms ({name})" for name, s in file.seconds.items())
         echo(
             f"{file.folder}/: one craft's steps: {steps}.",
             f"onnxruntime on one core, one call: {times}.",
             f"Told in a round for each live encounter: {sum(file.told.values())} numbers.",
-            f"Largest difference from torch in {file.checked.swarms} swarms flown craft by craft: "
-            f"{checked.difference:.1e} of the largest control.",
+            f"Largest difference from torch in {file.swarms} swarms flown craft by craft: "
+            f"{file.difference:.1e} of the largest control.",
         )
     else:
-        times = ", ".join(f"{s * 1e3:.3g} ms (n={n})" for n, s in checked.seconds.items())
+        times = ", ".join(f"{s * 1e3:.3g} ms (n={n})" for n, s in file.seconds.items())
         echo(
-            f"{file.path}: {file.kib:.0f} KiB, for {file.checked.sizes}.",
+            f"{file.path}: {file.kib:.0f} KiB, for {file.sizes}.",
             f"onnxruntime on one core, one instance: {times}.",
-            f"Largest difference from torch: {checked.difference:.1e} of a component's size, "
-            f"{file.checked.metres:.1e} m in position.",
+            f"Largest difference from torch: {file.difference:.1e} of a component's size, "
+            f"{file.metres:.1e} m in position.",
         )
     echo(f"Model card: {made.card}")
 

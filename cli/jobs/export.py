@@ -103,8 +103,8 @@ def export(
 def _model_card(
     version: ModelVersion, model: Model, exported: Exported, measured: Measured, sha256: str
 ) -> str:
-    checked, rmse = exported.checked, version.metrics.get("valid_position_rmse")
-    times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in checked.seconds.items()]
+    rmse = version.metrics.get("valid_position_rmse")
+    times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in exported.seconds.items()]
     nodes = model.problem.nodes
     interface = [
         ("input", code("initial"), "(batch, n, 6)", f"{STATE} at the first node"),
@@ -136,7 +136,7 @@ def _craft_card(
         (
             code(f"{name}.onnx"),
             f"{exported.kib[name]:.0f}",
-            f"{exported.checked.seconds[name] * 1e3:.2g}",
+            f"{exported.seconds[name] * 1e3:.2g}",
             Markdown(" ".join(map(code, step.tells))),
             code(exported.sha256[name][:16]),
         )

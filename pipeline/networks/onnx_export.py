@@ -7,8 +7,8 @@ import timeit
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +44,12 @@ Axes = Mapping[str, Sequence[str | None]]
 
 
 @dataclass(frozen=True)
-class GraphCheck:
-    """Accuracy and speed of an exported file."""
+class Exported:
+    """An ONNX file, its accuracy and its speed."""
 
+    path: Path
+    kib: float  # its size, KiB
+    flown: bool  # whether it answers with transfers that can be flown, and their controls
     n: int | None  # the only number of craft that the file answers for, or None
     most: int | None  # the greatest number that it answers for, or None where there is no limit
     difference: float  # largest difference from torch, as a share of a component's root mean square
@@ -61,12 +64,8 @@ class GraphCheck:
         return "any n" if self.most is None else f"n = 1 to {self.most}"
 
 
-def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck:
-    """Compare a file with torch on random swarms, and find the largest swarm that it serves.
-
-    InputError where onnxruntime is not installed. ProlearnError where its answer differs from
-    torch's by more than TOLERANCE.
-    """
+def _check(path: Path, model: Model, n: int | None, *, flown: bool) -> Exported:
+    """Compare a file with torch on random swarms, and find the largest swarm that it serves."""
     session = open_session(path)
     most = n
     sizes = sorted({*SIZES, model.n_train}) if n is None else [n]
@@ -80,7 +79,8 @@ def check(path: Path, model: Model, n: int | None, *, flown: bool) -> GraphCheck
             f"onnxruntime's answer differs from torch's by {shares:.2g} of a component's root "
             f"mean square; expected at most {TOLERANCE:g}: the file was not written."
         )
-    return GraphCheck(n, most, shares, metres, {k: _seconds(session, model, k) for k in found})
+    seconds = {size: _seconds(session, model, size) for size in found}
+    return Exported(path, path.stat().st_size / 1024, flown, n, most, shares, metres, seconds)
 
 
 def _ends(model: Model, n: int, instances: int) -> dict[str, Float[Array, "N n 6"]]:
@@ -91,7 +91,7 @@ def _ends(model: Model, n: int, instances: int) -> dict[str, Float[Array, "N n 6
 
 
 def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[float, float]:
-    """As ``GraphCheck.difference`` and ``GraphCheck.metres``; infinite where it does not answer."""
+    """``difference`` and ``metres`` of ``Exported``; infinite where the file does not answer."""
     ends = _ends(model, n, INSTANCES)
     try:
         given: Sequence[Array] = session.run(None, ends)
@@ -129,9 +129,9 @@ class ExportedGraph(nn.Module):
         super().__init__()
         self.architecture, self.encoding, self.network = architecture, model.encoding, model.network
         self.flown = flown
-        self.register_buffer("read", torch.from_numpy(input_map(model.encoding)).float())
+        self.register_buffer("read", torch.from_numpy(_input_map(model.encoding)).float())
         if flown:
-            self.register_buffer("flyable", torch.from_numpy(flyable_map(model.problem)))
+            self.register_buffer("flyable", torch.from_numpy(_flyable_map(model.problem)))
 
     def forward(
         self, initial: Float[Tensor, "b n 6"], goal: Float[Tensor, "b n 6"]
@@ -150,15 +150,14 @@ class ExportedGraph(nn.Module):
         return states.reshape(predicted.shape), controls.reshape(*initial.shape[:2], T - 1, 3)
 
 
-def input_map(encoding: Encoding) -> Float[Array, "12 _"]:
+def _input_map(encoding: Encoding) -> Float[Array, "12 _"]:
     """Linear map from both end states of a craft to its encoded input."""
     unit = np.eye(12)
     given = INTERIORS[encoding.interior](unit[:, :6], unit[:, 6:], encoding.problem)
     return (given / np.array(encoding.input_scale)).reshape(12, -1)
 
 
-@lru_cache(maxsize=8)
-def flyable_map(problem: Problem) -> Float[Array, "_ _"]:
+def _flyable_map(problem: Problem) -> Float[Array, "_ _"]:
     """Linear map from predicted states and both ends of a craft to flown states and controls."""
     T = problem.nodes
     unit = np.eye(6 * T + 12)
@@ -166,16 +165,6 @@ def flyable_map(problem: Problem) -> Float[Array, "_ _"]:
     controls = project_to_flyable(states.reshape(-1, T, 6), initial, goal, problem)
     flown = fly(initial, controls, problem)
     return np.hstack([flown.reshape(len(unit), -1), controls.reshape(len(unit), -1)])
-
-
-@dataclass(frozen=True)
-class Exported:
-    """An ONNX file and what was measured of it."""
-
-    path: Path  # the file
-    kib: float  # its size, KiB
-    flown: bool  # whether it answers with transfers that can be flown, and their controls
-    checked: GraphCheck  # which swarms it answers for, how near it is to torch, and how fast
 
 
 def export(
@@ -215,9 +204,8 @@ def export(
     with published(path) as temporary:
         axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
         write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
-        checked = check(temporary, model, n, flown=flown)
-        kib = temporary.stat().st_size / 1024
-    return Exported(path, kib, flown, checked)
+        exported = _check(temporary, model, n, flown=flown)
+    return replace(exported, path=path)
 
 
 # Files by torch's exporter, and how they are run on one core.

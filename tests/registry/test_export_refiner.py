@@ -14,7 +14,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
 from pipeline.networks.refiner.model import packaged
 from pipeline.networks.refiner.on_board import STEPS, outputs, told_each_round
-from pipeline.networks.refiner.on_board_export import CraftCheck, ExportedCraft
+from pipeline.networks.refiner.on_board_export import ExportedCraft
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.store import connect
@@ -29,9 +29,9 @@ def exported(monkeypatch: pytest.MonkeyPatch) -> list[Model]:
     def export_craft(model: Model, path: Path, about: object) -> ExportedCraft:
         asked.append(model)
         ones = dict.fromkeys(STEPS, 1e-3)
-        checked = CraftCheck(swarms=6, ties=1, encounters=29, difference=2e-7, seconds=ones)
-        told = told_each_round(model.config["message"])
-        return ExportedCraft(path, ones, dict.fromkeys(STEPS, "0" * 64), told, checked)
+        told, digests = told_each_round(model.config["message"]), dict.fromkeys(STEPS, "0" * 64)
+        checked = {"swarms": 6, "ties": 1, "encounters": 29, "difference": 2e-7, "seconds": ones}
+        return ExportedCraft(path, ones, digests, told, **checked)
 
     monkeypatch.setattr("cli.jobs.export.export_craft", export_craft)
     return asked

@@ -3,7 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -105,9 +105,13 @@ class Discrepancy:
 
 
 @dataclass(frozen=True)
-class CraftCheck:
-    """Accuracy and speed of exported steps."""
+class ExportedCraft:
+    """The files of one craft, their accuracy and their speed."""
 
+    folder: Path  # where they are, each named after its step
+    kib: Mapping[str, float]  # size of each, by step, KiB
+    sha256: Mapping[str, str]  # digest of each, by step
+    told: Mapping[str, int]  # numbers told in each round for each live encounter, by name
     swarms: int  # swarms that were flown
     ties: int  # those in which another optimum of the same fuel was met
     encounters: int  # most encounters of a craft in them
@@ -116,11 +120,11 @@ class CraftCheck:
 
 
 class Files:
-    """Runs steps by their files, and keeps the times."""
+    """Runs steps by their files in a folder, and keeps the times."""
 
-    def __init__(self, files: Mapping[str, Path]) -> None:
-        self.session = {name: open_session(path) for name, path in files.items()}
-        self.seconds: dict[str, list[float]] = {name: [] for name in files}
+    def __init__(self, folder: Path) -> None:
+        self.session = {name: open_session(file_of(folder, name)) for name in on_board.STEPS}
+        self.seconds: dict[str, list[float]] = {name: [] for name in on_board.STEPS}
         self.encounters = 0
 
     def __call__(self, name: str, known: AgentMemory) -> Mapping[str, Any]:
@@ -133,7 +137,7 @@ class Files:
         return dict(zip(on_board.STEPS[name].gives, found, strict=True))
 
 
-def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
+def check(folder: Path, model: Model) -> ExportedCraft:
     """Fly random swarms by the files, all rounds, and compare all controls with the model's.
 
     InputError where onnxruntime is not installed. ProlearnError where a control differs by more
@@ -141,7 +145,7 @@ def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
     """
     network, problem = model.network, model.problem
     assert isinstance(network, MessagePassing), "a refiner's"
-    run, compared, radius = Files(files), [], problem.collision_radius
+    run, compared, radius = Files(folder), [], problem.collision_radius
     for n in SIZES:
         for k in range(DRAWS):
             scenario = draw("rings", 0, n, k, problem, "valid")
@@ -161,7 +165,11 @@ def check(files: Mapping[str, Path], model: Model) -> CraftCheck:
             f"{ties} of {len(compared)} swarms met another optimum of the same fuel, so little "
             f"was compared; expected at most {MOST_TIES:.0%}: no file was written."
         )
-    return CraftCheck(len(compared), ties, run.encounters, difference, seconds)
+    content = {name: file_of(folder, name).read_bytes() for name in on_board.STEPS}
+    kib = {name: len(graph) / 1024 for name, graph in content.items()}
+    digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
+    told, measured = on_board.told_each_round(network.message), (run.encounters, difference)
+    return ExportedCraft(folder, kib, digests, told, len(compared), ties, *measured, seconds)
 
 
 def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Discrepancy:
@@ -195,17 +203,6 @@ def together(
     return np.stack(controls) * radius / problem.time_step**2
 
 
-@dataclass(frozen=True)
-class ExportedCraft:
-    """The files of one craft and what was measured of them."""
-
-    folder: Path  # where they are, each named after its step
-    kib: Mapping[str, float]  # size of each, by step, KiB
-    sha256: Mapping[str, str]  # digest of each, by step
-    told: Mapping[str, int]  # numbers told in each round for each live encounter, by name
-    checked: CraftCheck  # how near they are to torch, and how fast
-
-
 def export_craft(
     model: Model, folder: Path, *, about: Mapping[str, Any] | None = None
 ) -> ExportedCraft:
@@ -220,18 +217,20 @@ def export_craft(
     network = model.network
     assert isinstance(network, MessagePassing), "a refiner's"
     with scratch_folder() as temporary:
-        made = {name: temporary / f"{name}.onnx" for name in on_board.STEPS}
         for name, step in on_board.STEPS.items():
             described = {"schema": SCHEMA, "step": name, "tells": step.tells, **(about or {})}
-            _write(step(network, model.problem), network.message, made[name], described)
-        checked = check(made, model)
-        content = {name: path.read_bytes() for name, path in made.items()}
-    for name, graph in content.items():
-        with published(folder / f"{name}.onnx") as path:
-            path.write_bytes(graph)
-    kib = {name: len(graph) / 1024 for name, graph in content.items()}
-    digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
-    return ExportedCraft(folder, kib, digests, on_board.told_each_round(network.message), checked)
+            made, path = step(network, model.problem), file_of(temporary, name)
+            _write(made, network.message, path, described)
+        exported = check(temporary, model)
+        for name in on_board.STEPS:
+            with published(file_of(folder, name)) as path:
+                path.write_bytes(file_of(temporary, name).read_bytes())
+    return replace(exported, folder=folder)
+
+
+def file_of(folder: Path, step: str) -> Path:
+    """The file of a step."""
+    return folder / f"{step}.onnx"
 
 
 def _write(step: on_board.Step, message: int, path: Path, about: Mapping[str, Any]) -> None:

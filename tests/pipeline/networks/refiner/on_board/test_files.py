@@ -16,7 +16,6 @@ from pipeline.networks.model import load
 from pipeline.networks.refiner.model import FOLDER, SAFE, STEADY, cheapest_safe, problem_data
 from pipeline.networks.refiner.on_board import STEPS, outputs
 from pipeline.networks.refiner.on_board_export import (
-    CraftCheck,
     ExportedCraft,
     Files,
     check,
@@ -63,13 +62,12 @@ def exported(model, pytestconfig):
         craft = export_craft(model, folder, about={"arch": "refiner"})
         found = {"of": of, "craft": asdict(replace(craft, folder=None))}
         write_text(told, json.dumps(found))
-    checked = CraftCheck(**found["craft"]["checked"])
-    return ExportedCraft(**{**found["craft"], "folder": folder, "checked": checked})
+    return ExportedCraft(**{**found["craft"], "folder": folder})
 
 
 def flown(exported, ends):
     """Controls of each round by the files, (rounds + 1, n, m), and whether they are safe."""
-    run = Files({name: exported.folder / f"{name}.onnx" for name in STEPS})
+    run = Files(exported.folder)
     near, counts = np.full(ROUNDS + 1, np.inf), set()
 
     def noting(name, known):
@@ -132,16 +130,15 @@ def test_the_files_say_by_name_what_goes_in_and_out(exported):
             if axis.dim_param
         }
         assert free == {"begin": set(), "meet": {"Q"}}.get(name, {"P"})
-    assert exported.checked.difference <= 1e-5
-    assert exported.checked.seconds.keys() == exported.kib.keys() == STEPS.keys()
+    assert exported.difference <= 1e-5
+    assert exported.seconds.keys() == exported.kib.keys() == STEPS.keys()
 
 
 def test_files_of_other_weights_are_found_out(model, exported):
     other = find("refiner").network(model.config, model.encoding, 0.0)
     torch.nn.init.normal_(other.offer.weight, std=0.05)
-    files = {name: exported.folder / f"{name}.onnx" for name in STEPS}
     with pytest.raises(ProlearnError, match="controls differ from the model's by"):
-        check(files, replace(model, network=other))
+        check(exported.folder, replace(model, network=other))
 
 
 def test_a_file_in_the_folder_s_place_is_left_alone(model, tmp_path):
