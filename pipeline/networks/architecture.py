@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pipeline.arrays import Array, Float, Float64
 from pipeline.errors import InputError, ProlearnError, check_choice
-from pipeline.networks.document import Answer
+from pipeline.networks.document import Answer, Ends
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe, entry_point
 from pipeline.orbit.problem import Problem
@@ -27,17 +27,14 @@ class Swarms:
     problem: Problem  # orbit and time grid
     initial: Float64[Tensor, "b n 6"]  # m and m/s
     goal: Float64[Tensor, "b n 6"]  # m and m/s
-    collision_radius: Float64[Tensor, "b"]  # of each swarm, m; it need not be the problem's
+    collision_radius: Float64[Tensor, "b"]  # of each swarm, m
     # the expert's at the nodes; not numbers where it has not planned
     states: Float64[Tensor, "b n T 6"] | None = None
     device: str | None = None  # on which a refiner plans them, as of ``TrainedRefiner``
 
 
 def swarms(
-    problem: Problem,
-    initial: Float[Array, "b n 6"],
-    goal: Float[Array, "b n 6"],
-    states: Float[Array, "b n T 6"] | None = None,
+    problem: Problem, initial: Ends, goal: Ends, states: Float[Array, "b n T 6"] | None = None
 ) -> Swarms:
     """A batch of swarms with one problem and collision radius; arrays are not copied."""
     radius = torch.full((len(initial),), problem.collision_radius, dtype=torch.float64)

@@ -25,7 +25,7 @@ COLUMNS_ON_DEVICE = 1_000_000
 
 Answer = Literal["states", "controls"]
 
-Ends = Float[Array, "N n 6"]
+Ends = Float[Array, "b n 6"]  # states of the swarms of a batch at one end, m and m/s
 
 Weights = TypeVar("Weights")
 
@@ -53,8 +53,8 @@ class TrainedNetwork(Protocol):
     def on(self, problem: Problem) -> "TrainedNetwork":
         """The same weights for another problem; InputError where they do not fit."""
 
-    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ _"]:
-        """States (N, n, T, 6), m and m/s, or controls (N, n, T-1, 3), m/s², for any n ≥ 1.
+    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ _"]:
+        """States (b, n, T, 6), m and m/s, or controls (b, n, T-1, 3), m/s², for any n ≥ 1.
 
         InputError where the two differ in shape or are not finite states of swarms.
         """

@@ -10,9 +10,12 @@ from torch import Tensor
 from pipeline.arrays import Array, Float
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import check_choice
+from pipeline.networks.document import Ends
 from pipeline.orbit.arrays import AnyState, AnyStates
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
+
+Trajectories = Float[Tensor, "b n T 6"]  # of batch, craft, node and state component
 
 
 def _ends_alone(initial: AnyState, goal: AnyState, problem: Problem) -> AnyStates:
@@ -57,27 +60,21 @@ class Encoding:
         check_choice("interior", self.interior, INTERIORS)
         check_choice("target", self.target, TARGETS)
 
-    def inputs(
-        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
-    ) -> Float[Tensor, "N n T 6"]:
+    def inputs(self, initial: Ends, goal: Ends) -> Trajectories:
         """Inputs of the network, float64, from states in m and m/s."""
         states = INTERIORS[self.interior](initial, goal, self.problem)
         return torch.from_numpy(states / np.array(self.input_scale))
 
-    def targets(
-        self, states: Float[Array, "N n T 6"], inputs: Float[Tensor, "N n T 6"]
-    ) -> Float[Tensor, "N n T 6"]:
+    def targets(self, states: Float[Array, "b n T 6"], inputs: Trajectories) -> Trajectories:
         """Targets of the network, float64, from states in m and m/s."""
         wanted = torch.from_numpy(states) - self._base(inputs)
         return wanted / wanted.new_tensor(self.target_scale)
 
-    def decode(
-        self, output: Float[Tensor, "*batch n T 6"], inputs: Float[Tensor, "*batch n T 6"]
-    ) -> Float[Tensor, "*batch n T 6"]:
+    def decode(self, output: Trajectories, inputs: Trajectories) -> Trajectories:
         """States in m and m/s from outputs of the network."""
         return self._base(inputs) + output * output.new_tensor(self.target_scale)
 
-    def _base(self, inputs: Float[Tensor, "*batch n T 6"]) -> Float[Tensor, "*batch n T 6"]:
+    def _base(self, inputs: Trajectories) -> Trajectories:
         """The states that outputs are relative to."""
         if self.target == STATES:
             return torch.zeros_like(inputs)

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
-from torch import Tensor, nn
+from torch import nn
 
 from pipeline.arrays import Array, Float, Int
-from pipeline.networks.encoding import Encoding
+from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.supervised import Supervised
 
 MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
@@ -59,25 +59,20 @@ class FeedForward(Layered):
             layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]
         return nn.Sequential(*layers, nn.Linear(widths[-1], size))
 
-    def forward(
-        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
-    ) -> Float[Tensor, "b n T 6"]:
+    def forward(self, network: nn.Module, inputs: Trajectories, encoding: Encoding) -> Trajectories:
         """The answer for n craft, padded or averaged where n is not that of the training."""
         n = inputs.shape[1]
         if n > encoding.n:
             return _average(network, inputs, encoding.n)
-        virtual = encoding.n - n
-        padded = nn.functional.pad(inputs, (0, 0, 0, 0, 0, virtual))
+        padded = nn.functional.pad(inputs, (0, 0, 0, 0, 0, encoding.n - n))
         return _answer(network, padded)[:, :n]
 
 
-def _answer(network: nn.Module, inputs: Float[Tensor, "b n T 6"]) -> Float[Tensor, "b n T 6"]:
+def _answer(network: nn.Module, inputs: Trajectories) -> Trajectories:
     return network(inputs.flatten(1)).reshape(inputs.shape)  # of (b, 6nT)
 
 
-def _average(
-    network: nn.Module, inputs: Float[Tensor, "b n T 6"], size: int
-) -> Float[Tensor, "b n T 6"]:
+def _average(network: nn.Module, inputs: Trajectories, size: int) -> Trajectories:
     """Each craft's mean answer over the combinations that it is in."""
     b, n, T, _ = inputs.shape
     chosen = combinations_of(n, size)  # (k, size)

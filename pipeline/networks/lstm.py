@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from torch import Tensor, nn
 
 from pipeline.arrays import Float
-from pipeline.networks.encoding import Encoding
+from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.feedforward import Layered, Layers
 
 STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
@@ -46,9 +46,7 @@ class Lstm(Layered):
         """LSTM layers and a linear layer back to six numbers a column."""
         return Columns(Layers(**config).hidden, dropout)
 
-    def forward(
-        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
-    ) -> Float[Tensor, "b n T 6"]:
+    def forward(self, network: nn.Module, inputs: Trajectories, encoding: Encoding) -> Trajectories:
         """The answer for n craft: a sequence of nT columns, whatever n is."""
         return network(inputs.flatten(1, 2)).reshape(inputs.shape)  # of (b, nT, 6)
 

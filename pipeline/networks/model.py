@@ -21,6 +21,7 @@ from pipeline.networks.document import (
     DOCUMENT_FILE,
     WEIGHTS_FILE,
     Answer,
+    Ends,
     ModelDocument,
     ProblemFields,
     portions,
@@ -87,9 +88,7 @@ class Model:
         """What it predicts: "states" or "controls"."""
         return find(self.architecture).answers
 
-    def predict(
-        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
-    ) -> Float[Array, "N n T 6"]:
+    def predict(self, initial: Ends, goal: Ends) -> Float[Array, "b n T 6"]:
         """Node states in m and m/s as the network answers, by the training's collision radius.
 
         States that it answers obey no dynamics; controls are flown, and may miss the goal. Swarms
@@ -99,9 +98,7 @@ class Model:
         answer = self.answer(initial, goal, self.problem.collision_radius)
         return answer if self.answers == "states" else fly(initial, answer, self.problem)
 
-    def answer(
-        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"], collision_radius: float
-    ) -> Float[Array, "N n _ _"]:
+    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ _"]:
         """As in ``TrainedNetwork``."""
         problem = replace(self.problem, collision_radius=collision_radius)
         every = portions(initial, goal, problem.nodes, self.device)

@@ -11,7 +11,7 @@ from pipeline.arrays import Float
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
-from pipeline.networks.encoding import Encoding
+from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.recipes import Recipe
 
 
@@ -30,21 +30,6 @@ def collision_penalty(
     distance = torch.linalg.vector_norm(gap, dim=-1)
     depth = torch.relu(1 - distance / collision_radius)
     return depth.square().sum(dim=(1, 2)).mean()
-
-
-def supervised_loss(
-    output: Float[Tensor, "b n T 6"],
-    inputs: Float[Tensor, "b n T 6"],
-    target: Float[Tensor, "b n T 6"],
-    encoding: Encoding,
-    collision_weight: float,
-) -> Float[Tensor, ""]:
-    """Mean square error in encoded units, plus the collision penalty where it has weight."""
-    loss = (output - target).square().mean()
-    if collision_weight == 0:
-        return loss
-    positions = encoding.decode(output, inputs)[..., :3]
-    return loss + collision_weight * collision_penalty(positions, encoding.problem.collision_radius)
 
 
 class Supervised(ABC):
@@ -70,9 +55,7 @@ class Supervised(ABC):
         """As in ``Architecture``."""
 
     @abstractmethod
-    def forward(
-        self, network: nn.Module, inputs: Float[Tensor, "b n T 6"], encoding: Encoding
-    ) -> Float[Tensor, "b n T 6"]:
+    def forward(self, network: nn.Module, inputs: Trajectories, encoding: Encoding) -> Trajectories:
         """The network's output for any number of craft n ≥ 1.
 
         Both are float32, in the units of the encoding, with axes batch, craft, node and state
@@ -94,11 +77,14 @@ class Supervised(ABC):
     def loss(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Mean square error, with the collision penalty where the architecture has one."""
-        inputs, target = batch["inputs"], batch["target"]
-        weight = recipe.collision_weight if self.collision else 0.0
-        output = self.forward(network, inputs, encoding)
-        return supervised_loss(output, inputs, target, encoding, weight)
+        """Mean square error in encoded units, plus the collision penalty if there is one."""
+        output = self.forward(network, batch["inputs"], encoding)
+        loss = (output - batch["target"]).square().mean()
+        if not self.collision or recipe.collision_weight == 0:
+            return loss
+        positions = encoding.decode(output, batch["inputs"])[..., :3]
+        penalty = collision_penalty(positions, encoding.problem.collision_radius)
+        return loss + recipe.collision_weight * penalty
 
     def score(
         self, network: nn.Module, batch: TensorBatch, encoding: Encoding, recipe: Recipe
@@ -106,14 +92,12 @@ class Supervised(ABC):
         """The loss."""
         return self.loss(network, batch, encoding, recipe)
 
-    def answer(
-        self, network: nn.Module, swarms: Swarms, encoding: Encoding
-    ) -> Float[Tensor, "b n T 6"]:
+    def answer(self, network: nn.Module, swarms: Swarms, encoding: Encoding) -> Trajectories:
         """States decoded from the network's output."""
         inputs = _inputs(swarms, encoding)
         output = self.forward(network, inputs.float(), encoding)
         return encoding.decode(output.double(), inputs)
 
 
-def _inputs(swarms: Swarms, encoding: Encoding) -> Float[Tensor, "b n T 6"]:
+def _inputs(swarms: Swarms, encoding: Encoding) -> Trajectories:
     return encoding.inputs(swarms.initial.numpy(), swarms.goal.numpy())

@@ -1,11 +1,16 @@
 """The collision penalty against a double loop."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from pipeline.networks.encoding import Encoding
-from pipeline.networks.supervised import collision_penalty, supervised_loss
+from pipeline.networks.feedforward import FF1, FFCOL
+from pipeline.networks.recipes import RECIPES
+from pipeline.networks.supervised import collision_penalty
 from pipeline.orbit.problem import Problem
 
 
@@ -49,10 +54,13 @@ def test_the_penalty_pushes_a_close_pair_apart_and_stays_finite_where_craft_coin
 def test_the_penalty_judges_positions_in_metres():
     scales = (10.0, 10.0, 10.0, 1.0, 1.0, 1.0)
     encoding = Encoding(Problem(nodes=3), 2, "line", "offset", (100.0,) * 6, scales)
-    inputs = torch.zeros(1, 2, 3, 6)
     output = torch.zeros(1, 2, 3, 6)
     output[0, 1, :, 0] = 0.6  # 6 m from the other craft at each of 3 nodes
-    loss = supervised_loss(output, inputs, output, encoding, collision_weight=0.5)
+    network = nn.Linear(36, 36).requires_grad_(False)  # which answers that, whatever it reads
+    network.load_state_dict({"weight": torch.zeros(36, 36), "bias": output.flatten()})
+    recipe, inputs = replace(RECIPES["tuned"], collision_weight=0.5), torch.zeros(1, 2, 3, 6)
+    loss = FFCOL.loss(network, {"inputs": inputs, "target": output}, encoding, recipe)
     assert float(loss) == pytest.approx(0.5 * 3 * (1 - 6 / 15) ** 2)
-    error = supervised_loss(output, inputs, output + 2, encoding, collision_weight=0.0)
-    assert float(error) == pytest.approx(4)
+    batch, without = {"inputs": inputs, "target": output + 2}, replace(recipe, collision_weight=0.0)
+    for architecture, weights in ((FF1, recipe), (FFCOL, without)):
+        assert float(architecture.loss(network, batch, encoding, weights)) == pytest.approx(4)
