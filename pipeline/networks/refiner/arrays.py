@@ -11,7 +11,7 @@ from pipeline.arrays import Array, Bool, Float, Int, Shaped, like, namespace, pl
 
 
 def constant(values: Any) -> Any:
-    """The same values, detached from the gradient's graph."""
+    """The values without gradients."""
     return values if isinstance(values, np.ndarray) else values.detach()
 
 
@@ -39,11 +39,6 @@ def with_rows(
     return changed
 
 
-def indices(mask: Bool[Any, "k"]) -> Int[Any, "_"]:
-    """Indices at which a mask is true, in order."""
-    return np.flatnonzero(mask) if isinstance(mask, np.ndarray) else mask.nonzero()[:, 0]
-
-
 def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
     """Other values where a mask is true; computed only if it is anywhere, or in a traced graph."""
     xp = namespace(mask)
@@ -65,7 +60,7 @@ def self_adjoint(apply: Callable[[Array], Array], values: Any) -> Any:
 
 @lru_cache(maxsize=1)
 def _self_adjoint() -> Any:
-    """The same as a torch autograd function, whose class is made once torch is imported."""
+    """The torch autograd function, whose class is made once torch is imported."""
 
     class SelfAdjoint(sys.modules["torch"].autograd.Function):  # type: ignore[misc]
         @staticmethod

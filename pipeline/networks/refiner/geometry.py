@@ -16,9 +16,10 @@ from typing import Any, no_type_check
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
+from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain, tensor
 from pipeline.networks.refiner.arrays import constant, rows, where
 from pipeline.networks.refiner.compiled import njit
+from pipeline.networks.refiner.shapes import EndStates, Gains, PerPlane, RelativeEnds, Vectors
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
@@ -31,19 +32,17 @@ NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
 STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
 
-STRETCHES = 6
-"""Parts of an interval on which the search for its closest approach goes straight first."""
-
+STRETCHES = 6  # parts of an interval on which the search for its closest approach goes straight
 NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
 
+# Ratio of squared distances up to which a step is taken though it may not be better, or rounding
+# would decide when the closest approach is, and that to a ten-millionth only
 EQUAL = 1 + 1e-12
-"""Ratio of squared distances from a step on that do not tell it from no step: the step is taken, or
-rounding would decide when the closest approach is, and that to a ten-millionth only."""
 
 THIRD = 1.0 / 3.0
 
+# Cosine between gap and relative velocity under which a pair neither comes closer nor parts
 LEVEL = 1e-6
-"""Cosine between gap and relative velocity under which a pair neither comes closer nor parts."""
 
 AT_FIRST = 1024  # encounters for which there is room before it is doubled
 
@@ -53,7 +52,6 @@ class Grid:
     """Scaled transfer maps of a problem: all node states are drift · s₁ + reach · u."""
 
     nodes: int  # T
-    step: float  # Δt, s
     drift: Float[Any, "_ 6"]  # effect of the initial state on the states of all nodes
     reach: Float[Any, "_ m"]  # effect of the m = 3(T-1) controls on them
     free: Float[Any, "m m"]  # takes from controls the part that changes the final state; symmetric
@@ -68,34 +66,31 @@ class Grid:
 def grid_of(problem: Problem, device: Any = None) -> Grid:
     """The maps of a problem, the same for any collision radius; as tensors if a device is given."""
     if device is not None:
-        grid, torch = grid_of(problem), sys.modules["torch"]
-        with torch.inference_mode(False):  # what is kept must serve training too
-            parts = (grid.drift, grid.reach, grid.free, grid.ends)
-            return Grid(grid.nodes, grid.step, *(torch.from_numpy(x).to(device) for x in parts))
-    maps, step, scale = transfer_maps(problem), problem.time_step, _per_step(problem)
+        nodes, *parts = vars(grid_of(problem)).values()
+        with sys.modules["torch"].inference_mode(False):  # what is kept must serve training too
+            return Grid(nodes, *(tensor(one, device) for one in parts))
+    maps, step, scale = transfer_maps(problem), problem.time_step, per_step(problem)
     drift = (maps.drift * scale[:, None] / scale).reshape(-1, 6)
     reach = (maps.reach * scale[:, None] / step**2).reshape(len(drift), -1)
     free = np.eye(reach.shape[1]) - np.linalg.pinv(reach[-6:]) @ reach[-6:]
     ends = np.stack([reach[6 * t : 6 * t + 12] for t in range(problem.intervals)])
-    return Grid(problem.nodes, step, drift, reach, free, ends)
+    return Grid(problem.nodes, drift, reach, free, ends)
 
 
-def in_units(
-    states: Float[Any, "b n 6"], radius: Float[Any, "b"], problem: Problem
-) -> Float[Any, "N 6"]:
+def in_units(states: EndStates, radius: Float[Any, "b"], problem: Problem) -> Float[Any, "N 6"]:
     """States of all craft, one swarm's after the other's, scaled from m and m/s."""
-    scale = like(_per_step(problem), states)
+    scale = like(per_step(problem), states)
     return (states * scale / radius[:, None, None]).reshape(-1, 6)
 
 
-def _per_step(problem: Problem) -> Float[Array, "6"]:
-    """Factors that turn m and m/s into lengths."""
+def per_step(problem: Problem) -> Float[Array, "6"]:
+    """Factors that turn m and m/s into lengths, and their inverses those into these."""
     return np.repeat([1.0, problem.time_step], 3)
 
 
 @dataclass(frozen=True, eq=False)
 class EncounterGeometry:
-    """The closest approach of each encounter, through which no gradient runs."""
+    """The closest approach of each encounter, without gradients."""
 
     share: Float[Any, "E"]  # when, as a share of the interval; 0 where it was not looked at
     distance: Float[Any, "E"]  # r_col; infinite where it was not looked at
@@ -130,7 +125,7 @@ class Encounters(Rows):
     def approaches(
         self,
         states: Float[Any, "N T 6"],
-        within: Float[Any, "E"] | None = None,
+        within: Float[Any, "E"],
         before: EncounterGeometry | None = None,
         moved: Bool[Any, "N"] | None = None,
     ) -> EncounterGeometry:
@@ -138,16 +133,12 @@ class Encounters(Rows):
 
         Pairs of which neither craft has moved keep what was found before; by default all have.
         """
-        E = len(self.first)
-        share, distance, turns = np.empty(E), np.empty(E), np.empty(E, dtype=bool)
-        if before is not None:
-            share, distance = before.share.copy(), before.distance.copy()
-            turns = before.turns.copy()
-        within = np.full(E, np.inf) if within is None else within
-        moved = np.ones(len(states), dtype=bool) if moved is None else moved
-        pairs = (self.first, self.second, self.interval)
-        nearest(plain(states), *pairs, within, moved, share, distance, turns)
-        return EncounterGeometry(share, distance, turns)
+        if before is None or moved is None:
+            E, moved = len(self), np.ones(len(states), dtype=bool)
+            before = EncounterGeometry(np.empty(E), np.empty(E), np.empty(E, dtype=bool))
+        found = [values.copy() for values in vars(before).values()]
+        nearest(plain(states), self.first, self.second, self.interval, within, moved, *found)
+        return EncounterGeometry(*found)
 
 
 def encounters(
@@ -169,68 +160,58 @@ class Scene:
     """Geometry of L encounters at a time in their intervals, relative to the second craft."""
 
     interval: Int[Any, "L"]  # which it is, from 0
-    share: Float[Any, "L"]  # when, through which no gradient runs
-    ends: Float[Any, "L 2 6"]  # states relative to the second craft at both ends of the interval
-    distance: Float[Any, "L"]  # to it
-    along: Float[Any, "L 3"]  # unit vector along the gap, from the second craft: the normal
-    gain: Float[Any, "L m"]  # how the craft's controls move it along the normal
+    share: PerPlane  # when, through which no gradient runs
+    ends: RelativeEnds  # states relative to the second craft at both ends of the interval
+    distance: PerPlane  # to it
+    along: Vectors  # unit vector along the gap, from the second craft: the normal
+    gain: Gains  # how the craft's controls move it along the normal
 
     def like(self, other: Any) -> "Scene":
         """The same in the library of another array."""
         return Scene(*(like(values, other) for values in vars(self).values()))
 
 
-def scene_of(
-    interval: Int[Any, "L"], share: Float[Any, "L"], ends: Float[Any, "L 2 6"], grid: Grid
-) -> Scene:
+def scene_of(interval: Int[Any, "L"], share: PerPlane, ends: RelativeEnds, grid: Grid) -> Scene:
     """The encounters with distances, normals and gains."""
     distance, along = normals(ends, share)
     return Scene(interval, share, ends, distance, along, gains(interval, share, along, grid))
 
 
-def normals(
-    ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
-) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
-    """Distance and unit normal of each pair at a share of an interval.
-
-    Where two craft touch, that is any across their motion, and gradients do not turn it.
-    """
+def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, Vectors]:
+    """Distance and unit normal of each pair; where they touch, any normal across their motion."""
     gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
+    # Gradients do not turn a normal that is no gap's.
     along = _unit(where(touching, lambda: _across(velocities(constant(ends), share)), gap))
     return (gap * along).sum(axis=1), along
 
 
-def gains(
-    interval: Int[Any, "L"], share: Float[Any, "L"], along: Float[Any, "L 3"], grid: Grid
-) -> Float[Any, "L m"]:
+def gains(interval: Int[Any, "L"], share: PerPlane, along: Vectors, grid: Grid) -> Gains:
     """How the controls of the first craft move it along a normal at a share of an interval."""
     weights = _hermite(like(share, along))[:, :, None] * along[:, None]  # (L, 4, 3)
     return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
 
 
-def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
+def positions(ends: RelativeEnds, share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
     """Relative positions at shares of an interval."""
     return _weighted(_hermite(like(share, ends)), ends)
 
 
-def velocities(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
+def velocities(ends: RelativeEnds, share: PerPlane) -> Vectors:
     """Relative velocities at a share of an interval."""
     s = like(share, ends)
     weights = [6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)]
     return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
-def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
+def accelerations(ends: RelativeEnds, share: PerPlane) -> Vectors:
     """Relative accelerations at a share of an interval."""
     s = like(share, ends)
     weights = [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2]
     return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
-def passing(
-    ends: Float[Any, "L 2 6"], share: Float[Any, "L"], along: Float[Any, "L 3"]
-) -> tuple[Float[Any, "L 3"], Float[Any, "L"]]:
+def passing(ends: RelativeEnds, share: PerPlane, along: Vectors) -> tuple[Vectors, PerPlane]:
     """Unit vector of the relative motion perpendicular to a normal, and the relative speed."""
     speed = velocities(ends, share)
     past = speed - (speed * along).sum(axis=1)[:, None] * along
@@ -245,12 +226,12 @@ def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
     return namespace(s).stack(weights, axis=-1)
 
 
-def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "*k L 3"]:
+def _weighted(weights: Float[Any, "*k L 4"], ends: RelativeEnds) -> Float[Any, "*k L 3"]:
     each = "lk,lkx->lx" if weights.ndim == 2 else "tlk,lkx->tlx"
     return namespace(ends).einsum(each, weights, ends.reshape(-1, 4, 3))
 
 
-def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
+def _across(vector: Vectors) -> Vectors:
     """A vector perpendicular to each, also to a zero vector."""
     xp = namespace(vector)
     axis = rows(like(np.eye(3), vector), xp.argmin(abs(vector), axis=1))
@@ -258,27 +239,24 @@ def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
     return xp.where(_length(across) < STILL, axis, across)
 
 
-def _unit(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
+def _unit(vector: Vectors) -> Vectors:
     return vector / namespace(vector).clip(_length(vector), 1e-12, None)
 
 
-def _length(vector: Float[Any, "L 3"]) -> Float[Any, "L 1"]:
+def _length(vector: Vectors) -> Float[Any, "L 1"]:
     return namespace(vector).linalg.vector_norm(vector, axis=1, keepdims=True)
 
 
-# Closest approaches within an interval, compiled. jaxtyping cannot look into compiled functions;
-# their shapes are those given here.
+# Closest approaches within an interval, compiled; jaxtyping cannot look into these functions.
 
 
 @no_type_check
 @njit(cache=True)
 def nearest(states, first, second, interval, within, moved, share, distance, turns):
-    """The closest approach of pairs of craft in intervals, (k,) each; lengths in r_col.
+    """The closest approach of pairs of craft in intervals, (k,) each, as ``EncounterGeometry``.
 
-    Node states are (N, T, 6), ``moved`` says of each craft whether it has, (N,), and results of
-    pairs of which none has stay. Results are when, as a share of the interval, and the distance,
-    which are 0 and infinite where it is sure to be beyond ``within``; and whether the pair comes
-    closer before and parts after it.
+    Node states are (N, T, 6). Results of pairs of which neither craft has ``moved``, (N,), stay;
+    share and distance are 0 and infinite where it is sure to be beyond ``within``.
     """
     motion = np.empty((4, 3))
     for k in range(len(first)):
@@ -296,10 +274,9 @@ def nearest(states, first, second, interval, within, moved, share, distance, tur
 @no_type_check
 @njit(cache=True)
 def close_pairs(states, n, within):
-    """All pairs of the same swarm of n craft, and intervals in which they come within a distance.
+    """All pairs of swarms of n craft, and intervals in which they come within a distance.
 
-    Node states are (N, T, 6), one swarm's after the other's; the distance is that of each swarm,
-    (N / n,). The result, (3, k), has first craft, second craft and interval of each, in that order.
+    Node states are (N, T, 6), distances (N / n,); the result, (3, k), has both craft and interval.
     """
     found, count = np.empty((3, AT_FIRST), np.int64), 0
     motion = np.empty((4, 3))
@@ -326,9 +303,8 @@ def close_pairs(states, n, within):
 def stays_beyond(one, other, t, within):
     """Whether two craft certainly stay beyond a distance in an interval.
 
-    Relative motion is a cubic, and lies among the four points that control it as a Bézier curve;
-    where all of these are beyond a plane at that distance, so is the cubic. The plane is across the
-    middle of both its ends.
+    The cubic lies among its four Bézier control points; where these are beyond a plane at that
+    distance, across the middle of both ends, so is the cubic.
     """
     begin, leave, come, end, length = 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(3):
@@ -389,8 +365,7 @@ def closest(motion):
         x, y, z = to_x, to_y, to_z
     if x * x + y * y + z * z < least:
         when, least = 1.0, x * x + y * y + z * z
-    # The least of a smooth curve is near the least of these, so no step goes further, and
-    # none that leads away is followed.
+    # The least of a smooth curve is near the least of these, so no step goes further.
     low, high = max(when - 1 / STRETCHES, 0.0), min(when + 1 / STRETCHES, 1.0)
     s = when
     for _ in range(NEWTON_STEPS):

@@ -11,9 +11,8 @@ or gets back less; what is learned is a trade, what the first craft gives way be
 craft uses only its own data and those of craft that it meets, and messages are summed: the network
 is permutation-equivariant.
 
-Arrays are numpy's in planning, which does without torch, and torch's in training. Axes: N craft of
-swarms of n, T nodes, m = 3(T-1) controls, E encounters, L of them with planes, C craft with planes,
-F features, H numbers of a message. Units are r_col and Δt.
+Arrays are numpy's in planning, which does without torch, and torch's in training; ``shapes`` has
+their axes. Units are r_col and Δt.
 """
 
 from collections.abc import Mapping
@@ -29,7 +28,8 @@ from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
 from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import geometry, programs
-from pipeline.networks.refiner.arrays import cast, constant, indices, rows, sigmoid, with_rows
+from pipeline.networks.refiner.arrays import cast, constant, rows, sigmoid, with_rows
+from pipeline.networks.refiner.shapes import Controls, EndStates, Gains, PerPlane, PerSide, PerSwarm
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 
@@ -61,8 +61,8 @@ in stored models that were trained without messages, where it is 0."""
 def edge_features(
     scene: geometry.Scene,
     nodes: int,
-    dual: Float[Any, "L 2"],
-    first_dual: Float[Any, "L 2"],
+    dual: PerSide,
+    first_dual: PerSide,
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
@@ -94,16 +94,14 @@ def edge_features(
     return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
 
 
-def free_directions(gain: Float[Any, "L m"], grid: geometry.Grid) -> Float[Any, "L m"]:
+def free_directions(gain: Gains, grid: geometry.Grid) -> Gains:
     """Unit vectors of the controls that keep the goal and increase the distance most."""
     free = constant(gain) @ grid.free
     norm = namespace(free).linalg.vector_norm(free, axis=1, keepdims=True)
     return free / namespace(free).clip(norm, 1e-9, None)
 
 
-def trades(
-    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
-) -> Float[Any, "L"]:
+def trades(weights: Weights, features: Float[Any, "L 2 F"], free: Gains, sides: Sides) -> PerPlane:
     """Message passing: the trade of each encounter, r_col; ``free`` compares planes."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
@@ -141,17 +139,12 @@ def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any
     return flat.reshape(*values.shape[:-1], -1)
 
 
-def trade_of(offer: Float[Any, "L"], other: Float[Any, "L"]) -> Float[Any, "L"]:
+def trade_of(offer: PerPlane, other: PerPlane) -> PerPlane:
     """The trade by both offers: what the first craft gives way beyond its share, r_col."""
     return MOST_TRADE * namespace(offer).tanh(offer - other)
 
 
-def way_to_give(
-    distance: Float[Any, "L"],
-    dual: Float[Any, "L 2"],
-    first_dual: Float[Any, "L 2"],
-    trade: Float[Any, "L"],
-) -> Float[Any, "L 2"]:
+def way_to_give(distance: PerPlane, dual: PerSide, first_dual: PerSide, trade: PerPlane) -> PerSide:
     """By how much either craft is to give way, r_col.
 
     Of way to be given, the craft with the lower dual gives more; of way to be got back, the one
@@ -179,7 +172,7 @@ class ProblemData:
     met: geometry.Encounters  # encounters that are looked at
     swarm: Int[Any, "E"]  # whose each of these is
 
-    def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
+    def fuel(self, controls: Controls) -> PerSwarm:
         """Σ‖u‖₁ of each swarm."""
         return abs(controls).sum(axis=1).reshape(-1, self.n).sum(axis=1)
 
@@ -188,7 +181,7 @@ class ProblemData:
 class Iterate:
     """The state of the iteration after a round."""
 
-    controls: Float[Any, "N m"]  # of all craft
+    controls: Controls  # of all craft
     states: Float[Any, "N T 6"]  # that they fly
     near: geometry.EncounterGeometry  # closest approaches of the encounters
     dual: Float[Any, "E 2"]  # of each plane in the round before, for either craft
@@ -196,11 +189,7 @@ class Iterate:
 
 
 def problem_data(
-    problem: Problem,
-    initial: Float[Any, "b n 6"],
-    goal: Float[Any, "b n 6"],
-    radius: Float[Any, "b"],
-    device: Any = None,
+    problem: Problem, initial: EndStates, goal: EndStates, radius: PerSwarm, device: Any = None
 ) -> ProblemData:
     """Planning problems from states in m and m/s, as tensors on a torch ``device`` if given."""
     grid, n = geometry.grid_of(problem), initial.shape[1]
@@ -240,7 +229,8 @@ def run_round(
     live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
     if among is not None:
         live &= among[data.swarm]
-    which, xp = indices(live), namespace(live)  # (L,)
+    xp = namespace(live)
+    (which,) = xp.where(live)  # (L,)
     # With three nodes the goal determines all controls, and nobody can give way.
     if len(which) == 0 or data.own.others.shape[1] == 0:
         return now
@@ -281,13 +271,11 @@ def gets_plane(
 
 
 def _with_first_duals(
-    data: ProblemData,
-    first_dual: Float[Any, "E 2"],
-    which: Int[Any, "L"],
-    gain: Float[Any, "L m"],
+    data: ProblemData, first_dual: Float[Any, "E 2"], which: Int[Any, "L"], gain: Gains
 ) -> Float[Any, "E 2"]:
     """First duals, with those of new planes filled in."""
-    new, xp = indices(first_dual[which, 0] == 0), namespace(first_dual)
+    xp = namespace(first_dual)
+    (new,) = xp.where(first_dual[which, 0] == 0)
     if len(new) == 0:
         return first_dual
     craft, gain = data.met[which[new]].craft, gain[new]
@@ -296,11 +284,7 @@ def _with_first_duals(
 
 
 def _node_features(
-    sides: Sides,
-    craft: Int[Any, "L 2"],
-    dual: Float[Any, "L 2"],
-    data: ProblemData,
-    controls: Float[Any, "N m"],
+    sides: Sides, craft: Int[Any, "L 2"], dual: PerSide, data: ProblemData, controls: Controls
 ) -> Float[Any, "L 2 3"]:
     """Node features of either craft: planes, sum of their duals, fuel beyond the optimum."""
     xp = namespace(dual)
@@ -309,39 +293,12 @@ def _node_features(
     return xp.stack([count, paid, more[craft]], axis=2)
 
 
-# The answer: the cheapest safe iterate; and the shortfall of separation, which is trained on.
-
-
-def answer(
-    weights: Weights | None,
-    rounds: int,
-    problem: Problem,
-    initial: Float[Any, "b n 6"],
-    goal: Float[Any, "b n 6"],
-    radius: Float[Any, "b"],
-    device: str | None = None,
-) -> Float[Array, "b n intervals 3"]:
-    """Controls of each swarm after some rounds, m/s²; states are in m and m/s, radii in m.
-
-    With a ``device`` of torch all is in float64, weights too, and several swarms are planned there;
-    InputError where it is not available.
-    """
-    given = problem, initial, goal, radius
-    if device is not None and weights is not None:
-        weights = {name: values.astype(np.float64) for name, values in weights.items()}
-    if device is None or len(initial) <= 1:
-        controls, _ = cheapest_safe(weights, problem_data(*given), rounds)
-    else:
-        from pipeline.networks.refiner.tensors import planned_on
-
-        controls = planned_on(device, weights, rounds, *given)
-    unit = plain(radius) / problem.time_step**2
-    return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
+# The cheapest safe iterate, which is the answer, and the shortfall of separation, for training.
 
 
 def cheapest_safe(
     weights: Weights | None, data: ProblemData, rounds: int
-) -> tuple[Float[Any, "N m"], Bool[Any, "b"]]:
+) -> tuple[Controls, Bool[Any, "b"]]:
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
@@ -363,14 +320,14 @@ def cheapest_safe(
     return best, xp.isfinite(least)
 
 
-def safe_fuel(data: ProblemData, now: Iterate) -> Float[Any, "b"]:
+def safe_fuel(data: ProblemData, now: Iterate) -> PerSwarm:
     """Fuel of each swarm, infinite where it is not safe."""
     fuel, xp = data.fuel(now.controls), namespace(now.controls)
     unsafe = xp.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel))
     return xp.where(unsafe > 0, np.inf, fuel)
 
 
-def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
+def shortfall(data: ProblemData, now: Iterate, distance: float) -> PerSwarm:
     """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
 
     Elsewhere a pair that lacks something lacks more in the interval before or after.
@@ -401,15 +358,31 @@ class TrainedRefiner:
         """The same weights for another problem."""
         return replace(self, problem=problem)
 
-    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "N n _ 3"]:
+    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ 3"]:
         """Controls of each swarm, m/s²."""
         radius = np.full(len(initial), collision_radius)
-        how = self.weights, self.rounds, self.problem
-        found = [
-            answer(*how, initial[k], goal[k], radius[k], self.device)
-            for k in portions(initial, goal, self.problem.nodes, self.device)
-        ]
-        return np.concatenate(found)
+        every = portions(initial, goal, self.problem.nodes, self.device)
+        return np.concatenate([self.controls(initial[k], goal[k], radius[k]) for k in every])
+
+    def controls(
+        self, initial: EndStates, goal: EndStates, radius: PerSwarm
+    ) -> Float[Array, "b n intervals 3"]:
+        """Controls of swarms that fit in memory together, with a collision radius, m, of each.
+
+        With a ``device`` all is in float64, weights too, and several swarms are planned there;
+        InputError where it is not available.
+        """
+        weights, ends = self.weights, (initial, goal, radius)
+        if self.device is not None and weights is not None:
+            weights = {name: values.astype(np.float64) for name, values in weights.items()}
+        if self.device is None or len(initial) <= 1:
+            controls, _ = cheapest_safe(weights, problem_data(self.problem, *ends), self.rounds)
+        else:
+            from pipeline.networks.refiner.tensors import planned_on
+
+            controls = planned_on(replace(self, weights=weights), *ends)
+        unit = plain(radius) / self.problem.time_step**2
+        return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 
 
 @lru_cache(maxsize=1)

@@ -113,12 +113,8 @@ class Step(nn.Module):
         super().__init__()
         self.problem, self.grid = problem, geometry.grid_of(problem, torch.device("cpu"))
         self.weights = {name: weight.detach() for name, weight in network.weights.items()}
-        of_time = torch.tensor([1.0, 1 / problem.time_step], dtype=torch.float64)
-        self.units = {
-            STATE: of_time.repeat_interleave(3),
-            LENGTH: of_time[0],
-            ACCELERATION: of_time[1] ** 2,
-        }
+        units = torch.from_numpy(1 / geometry.per_step(problem))
+        self.units = {STATE: units, LENGTH: units[0], ACCELERATION: units[-1] ** 2}
 
     def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
         """The outputs, from the inputs: m, m/s and m/s² outside and r_col and Δt inside."""

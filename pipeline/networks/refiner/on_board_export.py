@@ -35,15 +35,11 @@ TOLERANCE = 1e-5
 MOST_TIES = 1 / 3  # share of the swarms that may meet another optimum of the same fuel
 SIZES = (2, 10, 30)  # swarm sizes that are flown
 DRAWS = 2  # swarms of each
-AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``steps.VALUES``
 
-Run = Callable[[str, AgentMemory], Mapping[str, Any]]
-"""Runs the step of a name on what one craft knows, and gives its outputs by name."""
-
-
+AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``on_board.VALUES``
+Run = Callable[[str, AgentMemory], Mapping[str, Any]]  # outputs by name of the step of a name
+# One side of an encounter: a craft, the place among its encounters, the craft met, the place there
 Edge = tuple[int, int, int, int]
-"""One side of an encounter: a craft, the encounter's place among its own, the craft that it meets,
-and the place there."""
 
 
 def fly_rounds(

@@ -20,7 +20,8 @@ from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, rows
 from pipeline.networks.refiner.compiled import njit
-from pipeline.networks.refiner.geometry import Grid
+from pipeline.networks.refiner.geometry import Grid, per_step
+from pipeline.networks.refiner.shapes import Gains, PerSide
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import least_fuel
@@ -52,8 +53,8 @@ class Decoupled(Rows):
     cost: Float[Any, "N _"]  # side · tableau, from which their reduced costs follow
 
     def optima(
-        self, sides: Sides, gain: Float[Any, "L m"], asked: Float[Any, "L 2"]
-    ) -> tuple[Float[Any, "C m"], Float[Any, "L 2"]]:
+        self, sides: Sides, gain: Gains, asked: PerSide
+    ) -> tuple[Float[Any, "C m"], PerSide]:
         """The optimal controls of each craft's program, and the dual of each plane for either.
 
         ``gain`` has the row g of each plane for its first craft, whose negative is that of the
@@ -88,7 +89,7 @@ def decoupled_optima(
 ) -> Decoupled:
     """The decoupled optima, by table; InputError where controls do not reach every state."""
     miss = goal - initial @ grid.drift[-6:].T  # (N, 6)
-    found = least_fuel(np.concatenate([miss[:, :3], miss[:, 3:] / grid.step], axis=1), problem)
+    found = least_fuel(miss / per_step(problem), problem)
     if found is None:
         raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
     N, m = len(initial), grid.reach.shape[1]
@@ -99,7 +100,7 @@ def decoupled_optima(
     columns = grid.reach[-6:].T
     tableau = np.linalg.solve(columns[basis].mT, columns[others].mT)  # (N, 6, m - 6)
     cost = (side[:, None] @ tableau)[:, 0]
-    controls = found.controls.reshape(N, m) * grid.step**2
+    controls = found.controls.reshape(N, m) * problem.time_step**2
     return Decoupled(controls, basis, others, side, tableau, cost)
 
 

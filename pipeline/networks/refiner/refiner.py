@@ -7,9 +7,9 @@ units of r_col nothing else of a swarm matters.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor, nn
@@ -114,13 +114,10 @@ class Refiner:
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """Ends, m and m/s, collision radii, m, and those to which they may be raised."""
-        radius = swarms.collision_radius
-        apart = torch.full_like(radius, torch.inf)
-        for k in range(0, len(apart), AT_ONCE):
-            for ends in (swarms.initial, swarms.goal):
-                found = drift_separations(ends[k : k + AT_ONCE].numpy(), swarms.problem)
-                apart[k : k + AT_ONCE] = apart[k : k + AT_ONCE].minimum(torch.from_numpy(found))
-        most = (apart / CROWDED).clamp(min=radius, max=RAISED * radius)
+        radius, every = swarms.collision_radius, torch.cat([swarms.initial, swarms.goal])
+        apart = [drift_separations(k.numpy(), swarms.problem) for k in torch.split(every, AT_ONCE)]
+        closest = torch.from_numpy(np.concatenate(apart)).reshape(2, -1).amin(dim=0)
+        most = (closest / CROWDED).clamp(min=radius, max=RAISED * radius)
         return {"initial": swarms.initial, "goal": swarms.goal, "radius": radius, "most": most}
 
     def loss(
@@ -128,9 +125,8 @@ class Refiner:
     ) -> Float[Tensor, ""]:
         """Log of fuel over the lower bound plus separation shortfall, averaged over rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
-        given = _turned(_crowded(batch, encoding))
-        ends = given.initial, given.goal, given.collision_radius
-        data, terms = model.problem_data(given.problem, *ends, given.initial.device), []
+        given = _augmented(batch)
+        data, terms = model.problem_data(encoding.problem, *given, given[0].device), []
         now, weights = model.start(data), network.weights
         for number in range(settings.rounds):
             now = model.run_round(weights, data, now, number)
@@ -158,9 +154,9 @@ class Refiner:
         self, network: MessagePassing, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
-        how = network.arrays, network.rounds, swarms.problem
+        how = network.arrays, network.rounds, swarms.problem, "", swarms.device
         ends = swarms.initial, swarms.goal, swarms.collision_radius
-        return torch.from_numpy(model.answer(*how, *ends, swarms.device))
+        return torch.from_numpy(model.TrainedRefiner(*how).controls(*ends))
 
 
 def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
@@ -169,21 +165,16 @@ def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Ten
     return data.fuel(controls).clamp(min=NO_FUEL) / bound.clamp(min=NO_FUEL)
 
 
-def _crowded(batch: TensorBatch, encoding: Encoding) -> Swarms:
-    """Augmentation: collision radii drawn at random, up to the largest allowed."""
+def _augmented(
+    batch: TensorBatch,
+) -> tuple[Float[Tensor, "b n 6"], Float[Tensor, "b n 6"], Float[Tensor, "b"]]:
+    """Augmentation: ends mirrored or reversed, as linear motion may be, and radii raised."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least)
-    return Swarms(encoding.problem, batch["initial"], batch["goal"], radius)
-
-
-def _turned(swarms: Swarms) -> Swarms:
-    """Augmentation: swarms mirrored or reversed, under which linear motion is invariant."""
-    half = swarms.collision_radius.new_full((2, len(swarms.initial)), 0.5)
-    behind, mirror = 1 - 2 * torch.bernoulli(half)
-    axes = torch.ones(len(behind), 1, 6, dtype=behind.dtype, device=behind.device)
-    axes[:, :, 2::3] = mirror[:, None, None]  # out of plane: z and its velocity
-    turn = axes * behind[:, None, None]
-    return replace(swarms, initial=swarms.initial * turn, goal=swarms.goal * turn)
+    behind, mirror = 1 - 2 * torch.bernoulli(radius.new_full((2, len(radius)), 0.5))
+    turn = behind[:, None, None].repeat(1, 1, 6)
+    turn[:, :, 2::3] *= mirror[:, None, None]  # out of plane: z and its velocity
+    return batch["initial"] * turn, batch["goal"] * turn, radius
 
 
 REFINER = Refiner()

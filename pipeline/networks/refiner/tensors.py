@@ -9,7 +9,7 @@ None of it has gradients. For few craft that is slower than the compiled code by
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,6 +20,7 @@ from pipeline.networks.device import torch_device
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.arrays import where
 from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
+from pipeline.networks.refiner.shapes import EndStates, PerSwarm
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
@@ -42,25 +43,22 @@ class Encounters(geometry.Encounters):
     def approaches(
         self,
         states: Float[Tensor, "N T 6"],
-        within: Float[Tensor, "E"] | None = None,
+        within: Float[Tensor, "E"],
         before: geometry.EncounterGeometry | None = None,
         moved: Bool[Tensor, "N"] | None = None,
     ) -> geometry.EncounterGeometry:
         """The closest approach of each encounter, of all at once; as ``geometry.Encounters``."""
         ends = self.relative(states)
-        looked = torch.ones_like(self.first, dtype=torch.bool)
-        if moved is not None:
-            looked = moved[self.first] | moved[self.second]
-        near = looked if within is None else looked & ~stays_beyond(ends, within)
-        share, distance = torch.zeros_like(ends[:, 0, 0]), torch.full_like(ends[:, 0, 0], torch.inf)
-        turning, which = torch.zeros_like(near), near.nonzero()[:, 0]
+        if before is None or moved is None:
+            moved = torch.ones_like(states[:, 0, 0], dtype=torch.bool)
+            before = geometry.EncounterGeometry(within, within, within > 0)  # is not kept
+        looked = moved[self.first] | moved[self.second]
+        share, turning = before.share.masked_fill(looked, 0.0), before.turns & ~looked
+        distance = before.distance.masked_fill(looked, torch.inf)
+        which = (looked & ~stays_beyond(ends, within)).nonzero()[:, 0]
         share[which] = nearest(ends[which])
         distance[which] = torch.linalg.vector_norm(positions(ends[which], share[which]), dim=1)
         turning[which] = turns(ends[which], share[which])
-        if before is not None:
-            share = torch.where(looked, share, before.share)
-            distance = torch.where(looked, distance, before.distance)
-            turning = torch.where(looked, turning, before.turns)
         return geometry.EncounterGeometry(share, distance, turning)
 
 
@@ -243,7 +241,7 @@ def decoupled_optima(
     table, device = facets_of(problem), initial.device
     if table is None:
         raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
-    units = torch.tensor([1.0, 1 / grid.step], dtype=initial.dtype, device=device)
+    units = torch.tensor([1.0, 1 / problem.time_step], dtype=initial.dtype, device=device)
     units = units.repeat_interleave(3)
     miss = (goal - initial @ grid.drift[-6:].T) * units
     (C, _), m = miss.shape, grid.reach.shape[1]
@@ -257,7 +255,7 @@ def decoupled_optima(
         inverse = inverse.index_copy(1, component, its_side[..., None] * part)
         basic = basic.index_copy(1, component, tensor(facets.column, device)[facet])
         side = side.index_copy(1, component, its_side)
-    inverse = inverse * grid.step**2
+    inverse = inverse * problem.time_step**2
     is_basic = torch.zeros(C, m, dtype=torch.long, device=device).scatter(1, basic, 1)
     every = torch.arange(m, device=device)
     other = (every + m * is_basic).sort(dim=1).values.index_select(1, every[: m - 6])
@@ -381,23 +379,18 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
 
 
 def planned_on(
-    device: str,
-    weights: model.Weights | None,
-    rounds: int,
-    problem: Problem,
-    initial: Float[Any, "b n 6"],
-    goal: Float[Any, "b n 6"],
-    radius: Float[Any, "b"],
+    trained: model.TrainedRefiner, initial: EndStates, goal: EndStates, radius: PerSwarm
 ) -> Float[Array, "N m"]:
-    """Controls of all craft as by ``model.cheapest_safe``, r_col/Δt², planned on a device.
+    """Controls of all craft as by ``model.cheapest_safe``, r_col/Δt², planned on its device.
 
     InputError where it is not available, or has too little memory.
     """
+    device, weights = trained.device or "cpu", trained.weights
     try:
-        data = problem_data(problem, initial, goal, radius, torch_device(device))
+        data = problem_data(trained.problem, initial, goal, radius, torch_device(device))
         if weights is not None:
             weights = {name: like(values, data.initial) for name, values in weights.items()}
-        return plain(model.cheapest_safe(weights, data, rounds)[0])
+        return plain(model.cheapest_safe(weights, data, trained.rounds)[0])
     except torch.OutOfMemoryError as error:
         raise InputError(
             f"device {device} has too little memory left for {len(initial)} swarms of "
@@ -406,11 +399,7 @@ def planned_on(
 
 
 def problem_data(
-    problem: Problem,
-    initial: Float[Any, "b n 6"],
-    goal: Float[Any, "b n 6"],
-    radius: Float[Any, "b"],
-    device: torch.device,
+    problem: Problem, initial: EndStates, goal: EndStates, radius: PerSwarm, device: torch.device
 ) -> model.ProblemData:
     """As ``model.problem_data``, all of which is on a device."""
     grid, n = geometry.grid_of(problem, device), initial.shape[1]

@@ -36,6 +36,11 @@ def pairs_of(ends):
     return Encounters(pair, pair + len(ends), np.zeros_like(pair)), both
 
 
+def approaches(met, states):
+    """The closest approach of every encounter, however far."""
+    return met.approaches(states, np.full(len(met), np.inf))
+
+
 def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
     least, within = sampled().min(axis=3), 5.0
     met = encounters(SCALED, N, within, 0.0)
@@ -52,7 +57,7 @@ def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
 
 def test_the_closest_approach_is_the_least_of_the_samples():
     met = encounters(SCALED, N, 5.0, 0.0)
-    found = met.approaches(SCALED)
+    found = approaches(met, SCALED)
     distance = sampled()[met.first, met.second, met.interval]
     assert found.distance == pytest.approx(distance.min(axis=1), abs=2e-4)
     when = distance.argmin(axis=1) / STEPS
@@ -68,7 +73,7 @@ def test_fast_passes_are_found_as_well():
     miss, when = rng.normal(size=(200, 1, 3)), rng.uniform(0, 1, size=(200, 1, 1))
     ends = np.concatenate([miss + (np.array([[[0.0], [1.0]]]) - when) * speed, speed + turn], 2)
     met, states = pairs_of(ends)
-    found = met.approaches(states)
+    found = approaches(met, states)
     motion = CubicHermiteSpline([0, 1], ends[..., :3], ends[..., 3:], axis=1)
     least = np.linalg.norm(motion(np.linspace(0, 1, 40_001)), axis=2).min(axis=1)
     assert found.distance == pytest.approx(least, abs=2e-3)
@@ -79,7 +84,7 @@ def test_who_is_sure_to_stay_beyond_a_distance_is_not_looked_at_and_nobody_else(
     rng = np.random.default_rng(1)
     ends = rng.normal(size=(3000, 2, 6)) * [2, 2, 2, 1, 1, 1]
     met, states = pairs_of(ends)
-    every = met.approaches(states)
+    every = approaches(met, states)
     some = met.approaches(states, np.full_like(every.distance, 2.0))
     unseen = np.isinf(some.distance)
     assert (every.distance[unseen] > 2).all()
@@ -122,7 +127,7 @@ def test_the_closest_approach_of_any_cubic_is_found():
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(500, 2, 6)) * [1, 1, 1, 2, 2, 2]
     met, states = pairs_of(ends)
-    found = met.approaches(states)
+    found = approaches(met, states)
     s = np.linspace(0, 1, 10_001)[:, None, None]
     (p0, v0), (p1, v1) = (np.split(ends[:, k], 2, axis=1) for k in (0, 1))
     p = p0 + s * (v0 + s * (3 * (p1 - p0) - 2 * v0 - v1 + s * (2 * (p0 - p1) + v0 + v1)))
@@ -139,7 +144,7 @@ def turning(x, speed):
     states[0, :, 0], states[0, :, 3] = x, speed
     each = np.arange(len(x) - 1)
     met = Encounters(np.zeros_like(each), np.ones_like(each), each)
-    found = met.approaches(states)
+    found = approaches(met, states)
     return each[found.turns].tolist(), found
 
 

@@ -142,7 +142,7 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     first = np.arange(0, 40, 2).repeat(5)
     met = Encounters(first, first + 1, np.tile(np.arange(5), 20))
     ends = torch.from_numpy(met.relative(states))
-    share, found = nearest(ends), met.approaches(states)
+    share, found = nearest(ends), met.approaches(states, np.full(len(met), np.inf))
     assert share.numpy() == pytest.approx(found.share, abs=1e-6)
     assert np.array_equal(turns(ends, share).numpy(), found.turns)
     assert (~found.turns).sum() > 5
