@@ -1,7 +1,7 @@
 """Orbit ephemeris and parameter messages (OEM 2.0, OPM 3.0; CCSDS 502.0-B): a file a craft."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from textwrap import wrap
@@ -100,8 +100,23 @@ def write_ephemerides(plan: Plan, folder: Path, name: str) -> list[Path]:
     def message(craft: int) -> Iterator[str]:
         yield from header("CCSDS_OEM_VERS = 2.0", plan, craft)
         for arc, times in enumerate(microseconds.tolist()):
+            thrust = " ".join(f"{u:.12e}" for u in plan.controls[craft, arc].tolist())
             epochs = [stamp(start, 1e-6 * each) for each in times]
-            yield from _segment(plan, craft, arc, epochs, states[craft, arc], name)
+            yield from (
+                "",
+                "META_START",
+                f"COMMENT Arc {arc + 1} of {len(microseconds)}. Constant thrust, m/s**2,",
+                f"COMMENT radial, along-track and cross-track: {thrust}",
+                *described(plan, craft, name),
+                f"START_TIME = {epochs[0]}",
+                f"STOP_TIME = {epochs[-1]}",
+                "INTERPOLATION = HERMITE",
+                f"INTERPOLATION_DEGREE = {DEGREE}",
+                "META_STOP",
+            )
+            for epoch, state in zip(epochs, (states[craft, arc] / 1e3).tolist(), strict=True):
+                numbers = [*(f"{p:.12f}" for p in state[:3]), *(f"{v:.15f}" for v in state[3:])]
+                yield f"{epoch} {' '.join(numbers)}"
 
     return write_messages(folder, ".oem", plan.scenario.n, message)
 
@@ -137,28 +152,6 @@ def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
         return flown_between(plan.scenario.initial, plan.controls, problem, time)
     A, B = problem.dynamics.step(time, np.arange(problem.intervals)[:, None])
     return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
-
-
-def _segment(
-    plan: Plan, craft: int, arc: int, epochs: Sequence[str], states: Float[Array, "q 6"], name: str
-) -> Iterator[str]:
-    thrust = " ".join(f"{u:.12e}" for u in plan.controls[craft, arc].tolist())
-    yield from (
-        "",
-        "META_START",
-        f"COMMENT Arc {arc + 1} of {plan.scenario.problem.intervals}. Constant thrust, m/s**2,",
-        f"COMMENT radial, along-track and cross-track: {thrust}",
-        *described(plan, craft, name),
-        f"START_TIME = {epochs[0]}",
-        f"STOP_TIME = {epochs[-1]}",
-        "INTERPOLATION = HERMITE",
-        f"INTERPOLATION_DEGREE = {DEGREE}",
-        "META_STOP",
-    )
-    for epoch, state in zip(epochs, (states / 1e3).tolist(), strict=True):
-        position, velocity = state[:3], state[3:]
-        numbers = [*(f"{p:.12f}" for p in position), *(f"{v:.15f}" for v in velocity)]
-        yield f"{epoch} {' '.join(numbers)}"
 
 
 def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None) -> list[Path]:

@@ -49,10 +49,7 @@ def _drawn(
 
 
 def joined(first: ExampleSource, second: Examples) -> ExampleSource:
-    """Examples followed by others without plans, which become the last part of a stream.
-
-    In memory the states of the others are NaN, where those of the first are known.
-    """
+    """Solved examples, then others without plans: NaN in memory, or the last part of a stream."""
     if isinstance(first, ExampleStream):
         last = first.part_count
 
@@ -61,13 +58,10 @@ def joined(first: ExampleSource, second: Examples) -> ExampleSource:
 
         both = len(first) + len(second)
         return replace(first, count=both, part_count=last + 1, read=read)
-    initial = np.concatenate([first.initial, second.initial])
-    goal = np.concatenate([first.goal, second.goal])
-    states = first.states
-    if states is not None:
-        none = np.full((len(second), *states.shape[1:]), np.nan)
-        states = np.concatenate([states, none])
-    return Examples(first.problem, initial, goal, states)
+    assert first.states is not None, "those of a dataset are solved"
+    none = np.full((len(second), *first.states.shape[1:]), np.nan)
+    pairs = (first.initial, second.initial), (first.goal, second.goal), (first.states, none)
+    return Examples(first.problem, *map(np.concatenate, pairs))
 
 
 def sources(

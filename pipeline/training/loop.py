@@ -2,8 +2,6 @@
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -130,7 +128,9 @@ def train(
     architecture, where = find(arch), torch_device(device)
     check_examples(train, valid)
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
-    with _seeded(seed, where):
+    devices = [] if where.type == "cpu" else [where.index or 0]
+    with torch.random.fork_rng(devices, device_type=where.type):
+        torch.manual_seed(seed)
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
         objective = Objective(architecture, network, encoding, recipe)
         preparation = Preparation(architecture, encoding, where)
@@ -183,16 +183,6 @@ def pass_over(
         descent.step(loss)
         total = total + loss.detach() * len(batch)
     return float(total) / len(data)
-
-
-@contextmanager
-def _seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Seed torch's random generators inside the block, and restore them after it."""
-    devices = [] if device.type == "cpu" else [device.index or 0]
-    kind = "cuda" if device.type == "cpu" else device.type
-    with torch.random.fork_rng(devices=devices, device_type=kind):
-        torch.manual_seed(seed)
-        yield
 
 
 def position_rmse(model: Model, examples: ExampleSource) -> float:

@@ -90,8 +90,8 @@ def drawn_trials(
 
     asked: list[Trial] = []
     try:
-        with FileLock(f"{path}.lock"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # heartbeats are meant for another way to run trials
+        # Heartbeats are meant for another way to run trials.
+        with FileLock(f"{path}.lock"), warnings.catch_warnings(action="ignore"):
             optuna.storages.fail_stale_trials(study)
             # A search that goes on must not draw once more what it began with.
             seed += len(study.trials)
