@@ -16,8 +16,7 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe, entry_point
 from pipeline.orbit.problem import Problem
 
-TensorBatch = Mapping[str, Tensor]
-"""Input tensors of loss and score by name; the first axis of each is that of the batch."""
+TensorBatch = Mapping[str, Tensor]  # inputs of loss and score by name; the batch is the first axis
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,14 +34,12 @@ SCHEMA = "prolearn.onnx/1"
 TRACED = 9  # craft with which the graph is traced: neither 0 nor 1, which torch treats as constants
 TOLERANCE = 1e-5  # largest difference from torch, as a share of a component's root mean square
 
-SIZES = (1, 2, 10, 30, 100)
-"""Swarm sizes that are checked and timed, as far as the file answers for them."""
+SIZES = (1, 2, 10, 30, 100)  # swarm sizes that are checked and timed, where the file serves them
 
 INSTANCES = 4  # random swarms of each size that are compared
 WARM_UP, REPEATS = 5, 50  # calls before those that are timed, and these
 
-Axes = Mapping[str, Sequence[str | None]]
-"""Names of the axes whose length may differ, by input or output; None for the others."""
+Axes = Mapping[str, Sequence[str | None]]  # by input or output; None where the length is fixed
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ MOST = 1_000_000  # of whatever a recipe counts: instances, passes, scenarios th
 
 CONSTANT, COSINE = "constant", "cosine"
 
-SCHEDULES = (CONSTANT, COSINE)
-"""Of the learning rate: constant, or cosine annealing to 0."""
+SCHEDULES = (CONSTANT, COSINE)  # of the learning rate: constant, or cosine annealing to 0
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from pipeline.training.data import Batches, Preparation, Prepared, batches, chec
 
 VALIDATION_BATCH = 256  # instances whose validation score is computed at once
 
-POSITION_RMSE = "valid_position_rmse"
-"""The metric of a training that ``position_rmse`` gives on its validation data."""
+POSITION_RMSE = "valid_position_rmse"  # metric: ``position_rmse`` on the validation data
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ from pipeline.orbit.problem import Problem
 
 # Inputs and outputs of steps, and the steps.
 
-TOLD = "told_"
-"""Begins the name of what the craft of the other side told, under the name that it has there."""
+TOLD = "told_"  # begins the name of what the other side told, before the name that it has there
 
 NEW = "new_"  # begins the name of an output that takes the place of the input of the same name
 

@@ -29,8 +29,7 @@ SCHEMA = "prolearn.onnx.craft/1"
 
 ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs are traced
 
-TOLERANCE = 1e-5
-"""Largest difference of a control from the whole swarm's, as a share of the largest control."""
+TOLERANCE = 1e-5  # largest difference from the whole swarm's controls, as a share of the largest
 
 MOST_TIES = 1 / 3  # share of the swarms that may meet another optimum of the same fuel
 SIZES = (2, 10, 30)  # swarm sizes that are flown

@@ -27,8 +27,7 @@ from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import least_fuel
 from pipeline.orbit.problem import Problem
 
-LARGEST_DUAL = 50.0
-"""Λ: fuel at which a plane is given up, r_col/Δt² a r_col; few ever cost more than 2."""
+LARGEST_DUAL = 50.0  # Λ: fuel at which a plane is given up, r_col/Δt² a r_col; few cost over 2
 
 SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
 NO_PIVOT = 1e-11  # entries of a tableau under which nothing is divided by them
