@@ -399,10 +399,6 @@ def ranges(numbers: Sequence[int]) -> str:
     >>> ranges([2, 3, 4, 10, 60])
     '2 to 4, 10, 60'
     """
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
+    groups = groupby(enumerate(numbers), key=lambda at: at[1] - at[0])
+    runs = [[number for _, number in group] for _, group in groups]
     return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

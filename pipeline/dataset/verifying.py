@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 
+from pipeline.dataset import schema
 from pipeline.dataset.making import complete, drawn_table, refuse_versions
 from pipeline.dataset.manifest import (
     BESIDE,
@@ -22,31 +23,13 @@ from pipeline.dataset.manifest import (
     requirements_of,
 )
 from pipeline.dataset.physics import row_faults
-from pipeline.dataset.schema import (
-    SCENARIO_FIELDS,
-    SOLVED_FIELDS,
-    TIMING_FIELDS,
-    problem_of,
-    same_scenarios,
-    scenarios_of,
-    stacked,
-)
 from pipeline.documents import CHECKSUM, parsed
 from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
-from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS
+from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside, sole_writer
-from pipeline.storage.shards import (
-    TIMED_KEY,
-    Size,
-    decode,
-    digest_of,
-    encode,
-    has_metadata,
-    read_metadata,
-)
 from pipeline.storage.shared import work_on
 
 DIGEST = "does not have the digest that the manifest gives it"
@@ -56,22 +39,26 @@ TIMED_AGAIN = f"is whole, but not the one that {TIMED} has; two runs at once mad
 # Files of a run that was cut short, or ran beside another, may be sound; copies are written anew.
 REPLACED = (CUT_SHORT, UNTIMED, TIMED_AGAIN)
 NOT_EXPECTED = "does not belong to this dataset"
-FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
+FIELDS = {
+    "scenarios": schema.SCENARIO_FIELDS,
+    "solved": schema.SOLVED_FIELDS,
+    "timings": schema.TIMING_FIELDS,
+}
 
 
 def stands_alone(content: bytes) -> bool:
     """Whether bytes are a shard with sound rows, of whatever dataset."""
     try:
         # Rows take at least 32 bytes, and numbers one, however well they are packed.
-        table = decode(content, Size(rows=len(content) // 32, values=len(content)))
-        solved = table.schema.equals(pa.schema(SOLVED_FIELDS))
-        if not solved and not table.schema.equals(pa.schema(SCENARIO_FIELDS)):
+        table = shards.decode(content, shards.Size(rows=len(content) // 32, values=len(content)))
+        solved = table.schema.equals(pa.schema(schema.SOLVED_FIELDS))
+        if not solved and not table.schema.equals(pa.schema(schema.SCENARIO_FIELDS)):
             return False
         (n,) = {*table["n_spacecraft"].to_pylist()}
-        if {scenario.n for scenario in scenarios_of(table)} != {n}:
+        if {scenario.n for scenario in schema.scenarios_of(table)} != {n}:
             return False
-        requirements = requirements_of(read_metadata(table))
-        return not (solved and any(row_faults(table, n, problem_of(table), requirements)))
+        requirements = requirements_of(shards.read_metadata(table))
+        return not (solved and any(row_faults(table, n, schema.problem_of(table), requirements)))
     except (InputError, ValueError):  # other columns have no shape, and other rows no one size
         return False
 
@@ -232,33 +219,28 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
     timings = check.kind == "timings"
     if check.digest is None and not timings:
         return Fault(name, CUT_SHORT)
-    right = check.digest in (None, digest_of(content))
-    if timings and not right:
-        again = _is_timed_again(check, content, shard)
-        said = TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it"
-        return Fault(name, said)
+    right, table = check.digest in (None, shards.digest_of(content)), None
     try:
-        table = decode(content, shard.most)
+        table = shards.decode(content, shard.most)
+        other = _mismatch(table, check, shard)
     except InputError as error:
-        return Fault(name, str(error), sound=not timings and stands_alone(content))
-    other = _mismatch(table, check, shard)
-    if other or not right:
-        alone = bool(other) and not timings and stands_alone(content)
-        return Fault(name, other if right else DIGEST, sound=alone)
-    return table
+        other = str(error)
+    if right and not other:
+        return table
+    if not timings:
+        what = other if right or table is None else DIGEST
+        return Fault(name, what, sound=bool(other) and stands_alone(content))
+    if right:
+        return Fault(name, other)
+    # Of this solved shard, by another run, and undamaged: not every byte has a checksum.
+    again = not other and check.solved is not None and shards.encode(table) == content
+    return Fault(name, TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it")
 
 
 def _wrong(table: pa.Table, kind: str, shard: Shard) -> Iterator[str]:
     """What is wrong with the rows of a shard."""
-    if kind != "timings":
-        yield from _scenario_faults(table, shard)
-    if kind == "solved":
-        requirements = requirements_of(shard.about.solve)
-        yield from row_faults(table, shard.n, shard.about.problem, requirements)
-
-
-def _scenario_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
-    """What is wrong with the scenarios of a shard, solved or not."""
+    if kind == "timings":
+        return
     if table["split"].to_pylist() != [split for split, _ in shard.sample.drawn_as(shard.rows)]:
         yield "has rows of other splits than they were drawn for"
     if {*table["n_spacecraft"].to_pylist()} != {shard.n}:
@@ -266,17 +248,20 @@ def _scenario_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
     if {*table["family"].to_pylist()} != {shard.sample.family}:
         yield f"has rows of other families than {shard.sample.family}"
     try:
-        ends = [stacked(table, end, shard.n, 6) for end in ("initial", "goal")]
+        ends = [schema.stacked(table, end, shard.n, 6) for end in ("initial", "goal")]
     except ValueError:
         yield "has ends of another shape"
     else:
         if not np.isfinite(ends).all():
             yield "has ends that are not finite numbers"
+    if kind == "solved":
+        requirements = requirements_of(shard.about.solve)
+        yield from row_faults(table, shard.n, shard.about.problem, requirements)
 
 
 def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Iterator[Fault]:
     """Faults where solved rows have other scenarios than drawn: which of the two files is wrong."""
-    if same_scenarios(solved, scenarios):
+    if schema.same_scenarios(solved, scenarios):
         return
     try:
         right = drawn_table(shard)
@@ -284,30 +269,20 @@ def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Ite
         yield Fault(shard.solved, f"has other scenarios than {shard.scenarios}")
         return
     for path, rows in ((shard.solved, solved), (shard.scenarios, scenarios)):
-        if not same_scenarios(rows, right):
+        if not schema.same_scenarios(rows, right):
             yield Fault(path, "has other scenarios than are drawn for it")
-
-
-def _is_timed_again(check: Check, content: bytes, shard: Shard) -> bool:
-    """Whether timings are undamaged and of this solved shard, though another run wrote them."""
-    try:
-        table = decode(content, shard.most)
-    except InputError:
-        return False
-    whole = encode(table) == content  # not every byte has a checksum
-    return whole and check.solved is not None and not _mismatch(table, check, shard)
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
     """How a table differs from what its shard must hold; empty where it does not."""
     if not table.schema.equals(pa.schema(FIELDS[check.kind])):
         return "has other columns than a dataset of this version"
-    if check.kind != "timings" and not has_metadata(table, shard.metadata(check.name)):
+    if check.kind != "timings" and not shards.has_metadata(table, shard.metadata(check.name)):
         return "was made with other settings or versions than the manifest has"
     if table["scenario_id"].to_pylist() != shard.scenario_ids:
         return f"has other rows than the {len(shard.rows)} that the manifest expects"
     if check.solved is not None:
-        if (table.schema.metadata or {}).get(TIMED_KEY) != check.solved.encode():
+        if (table.schema.metadata or {}).get(shards.TIMED_KEY) != check.solved.encode():
             return f"is not of {shard.solved} as the manifest has it"
         if check.digest is None:
             return UNTIMED

@@ -23,16 +23,8 @@ from pipeline.errors import InputError, ProlearnError, told_where
 from pipeline.files import make_folder, unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
+from pipeline.storage import shards
 from pipeline.storage.folder import Folder, Stamp
-from pipeline.storage.shards import (
-    TIMED_KEY,
-    Size,
-    decode,
-    digest_of,
-    encode,
-    read_content,
-    verified,
-)
 from pipeline.storage.shared import work_on
 
 TIMED_SCHEMA = "prolearn.timings/1"
@@ -134,7 +126,7 @@ class Ledger(Generic[Kind]):
         name, content = made.name, made.content
         if made.timings is not None:
             self.folder.publish(storage.TIMINGS + name, made.timings)
-            self.timed[name] = digest_of(made.timings)
+            self.timed[name] = shards.digest_of(made.timings)
         if isinstance(content, bytes):
             outgrown = self._outgrown.pop(name, "")
             content = write(self.folder, name, content, outgrown)
@@ -148,20 +140,20 @@ class Ledger(Generic[Kind]):
         if monotonic() >= self._not_before:
             self.commit()
 
-    def adopt(self, name: str, most: Size, fits: Callable[[pa.Table], bool]) -> bool:
+    def adopt(self, name: str, most: shards.Size, fits: Callable[[pa.Table], bool]) -> bool:
         """Add a shard that a killed run did not commit, if it is whole and belongs in its place."""
         try:
             content, timings = self.folder.read(name), self.folder.read(storage.TIMINGS + name)
-            table = decode(content, most)
-            belongs_to = (decode(timings, most).schema.metadata or {}).get(TIMED_KEY)
-            whole = fits(table) and encode(table) == content  # not every byte has a checksum
+            table = shards.decode(content, most)
+            belongs_to = (shards.decode(timings, most).schema.metadata or {}).get(shards.TIMED_KEY)
+            whole = fits(table) and shards.encode(table) == content  # not every byte has a checksum
         except (OSError, InputError):
             return False
-        digest = digest_of(content)
+        digest = shards.digest_of(content)
         if not whole or belongs_to != digest.encode():
             return False
         self.shards[name] = digest
-        self.timed[name] = digest_of(timings)
+        self.timed[name] = shards.digest_of(timings)
         return True
 
     def outgrow(self, name: str) -> None:
@@ -178,8 +170,8 @@ class Ledger(Generic[Kind]):
         started, now = monotonic(), (self.manifest, dict(self.timed), dict(self._stamps))
         manifest, timed, stamps = self._committed
         if self.timed != timed:
-            shards = dict(sorted(self.timed.items()))
-            write_checked(self.folder, storage.TIMED, {"schema": TIMED_SCHEMA, "shards": shards})
+            fields = {"schema": TIMED_SCHEMA, "shards": dict(sorted(self.timed.items()))}
+            write_checked(self.folder, storage.TIMED, fields)
         if now[0] != manifest:
             write_checked(self.folder, storage.MANIFEST, now[0].fields(), storage.COPY)
         if self._stamps != stamps:
@@ -203,7 +195,7 @@ def write(folder: Folder, name: str, content: bytes, outgrown: str = "") -> Writ
 
     A file of the digest ``outgrown`` is overwritten instead.
     """
-    digest, there, said = digest_of(content), folder.exists(name), []
+    digest, there, said = shards.digest_of(content), folder.exists(name), []
     if not (there and _holds(folder, name, digest)):
         if there and not (outgrown and _holds(folder, name, outgrown)):
             said.append(set_aside(folder, name))
@@ -213,7 +205,7 @@ def write(folder: Folder, name: str, content: bytes, outgrown: str = "") -> Writ
 
 def _holds(folder: Folder, name: str, digest: str) -> bool:
     try:
-        return digest_of(folder.read(name)) == digest
+        return shards.digest_of(folder.read(name)) == digest
     except OSError:
         return False
 
@@ -274,7 +266,7 @@ def _made(make: Callable[[Task, bytes], NewShard], known: Known[Task], content: 
 def _read(folder: Folder, known: Known[Task]) -> bytes:
     _, name, digest = known
     with told_where(f"{name} in {folder}"):
-        return verified(read_content(folder, name), digest) if name else b""
+        return shards.verified(shards.read_content(folder, name), digest) if name else b""
 
 
 def _written(folder: Folder, made: NewShard) -> NewShard:
