@@ -18,7 +18,7 @@ import typer
 
 from benchmarks.tables import Row, show, write_json
 from pipeline.dataset.examples import ExampleStream
-from pipeline.dataset.reading import examples_within
+from pipeline.dataset.reading import solved_examples
 from pipeline.storage.folder import open_folder
 
 N = 10
@@ -66,7 +66,7 @@ def size_of(data: str) -> int:
 
 def read_shuffled(data: str, seed: int, memory: float) -> None:
     """Read every example of the training split once, its shards in random order."""
-    source = examples_within(data, N, "train", memory)
+    source = solved_examples(data, N, "train", memory)
     parts = np.random.default_rng(seed).permutation(source.part_count).tolist()
     assert sum(len(part) for part in source.parts(parts)) == len(source)
     kind = "streamed" if isinstance(source, ExampleStream) else "loaded"

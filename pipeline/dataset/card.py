@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from dataclasses import replace as replaced
+from functools import partial
 from itertools import accumulate, chain, groupby
 from typing import Any
 
@@ -234,49 +235,44 @@ def _contents(
     shards = manifest.expected()
     refuse_unsolved(folder, manifest, shards)
     progress.expect(sum(len(shard.rows) for shard in shards))
-    pieces = list(_pieces(str(folder), manifest, shards))
+    pieces = _pieces(manifest, shards)
     if workers.jobs == -1 and len(pieces) < FEW:
         workers = replaced(workers, jobs=1)
     found: dict[int, list[tuple[File, pa.Table]]] = {}
-    tasks = list(enumerate(pieces))
-    with closing(work_on(folder, workers, _summarized, tasks, _read, progress)) as results:
+    summarized = partial(_summarized, str(folder))
+    with closing(work_on(folder, workers, summarized, pieces, _read, progress)) as results:
         for (number, _), some in results:
             found[number] = some
             progress.done(sum(file.rows for file, _ in some))
-    files, tables = zip(*chain.from_iterable(found[k] for k, _ in tasks), strict=True)
+    files, tables = zip(*chain.from_iterable(found[number] for number, _ in pieces), strict=True)
     return list(files), pa.concat_tables(tables).to_pandas()
 
 
-@dataclass(frozen=True)
-class Piece:
-    """Consecutive solved shards of a dataset, as a task of a worker."""
-
-    folder: str  # for messages
-    shards: Sequence[Shard]
-    digests: Sequence[str]  # of each, by the manifest
+Piece = tuple[int, list[tuple[Shard, str]]]
+"""A number, and consecutive solved shards with their digests: a task of a worker."""
 
 
-def _pieces(folder: str, manifest: Manifest, shards: Sequence[Shard]) -> Iterator[Piece]:
+def _pieces(manifest: Manifest, shards: Sequence[Shard]) -> list[Piece]:
     """All shards in order, in pieces that do not depend on the workers."""
     ends = accumulate(shard.most.values for shard in shards)
-    for _, some in groupby(zip(shards, ends, strict=True), lambda one: one[1] // PIECE):
-        piece = [shard for shard, _ in some]
-        yield Piece(folder, piece, [manifest.shards[shard.solved] for shard in piece])
+    listed = [(shard, manifest.shards[shard.solved]) for shard in shards]
+    groups = groupby(zip(listed, ends, strict=True), lambda one: one[1] // PIECE)
+    return [(number, [one for one, _ in some]) for number, some in groups]
 
 
-def _read(folder: Folder, task: tuple[int, Piece]) -> list[bytes]:
+def _read(folder: Folder, piece: Piece) -> list[bytes]:
     found = []
-    for shard in task[1].shards:
-        with naming(shard, task[1].folder):
+    for shard, _ in piece[1]:
+        with naming(shard, str(folder)):
             found.append(read_content(folder, shard.solved))
     return found
 
 
-def _summarized(task: tuple[int, Piece], content: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
+def _summarized(folder: str, piece: Piece, content: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
     """In a worker: sizes and the columns SUMMARIZED of each shard of a piece."""
-    piece, found = task[1], []
-    for shard, digest, one in zip(piece.shards, piece.digests, content, strict=True):
-        with naming(shard, piece.folder):  # one in memory at a time
+    found = []
+    for (shard, digest), one in zip(piece[1], content, strict=True):
+        with naming(shard, folder):  # one in memory at a time
             rows = decode_solved(one, shard, digest)
         found.append((File(shard, rows.num_rows, len(one), rows.nbytes), rows.select(SUMMARIZED)))
     return found
@@ -403,10 +399,6 @@ def ranges(numbers: Sequence[int]) -> str:
     >>> ranges([2, 3, 4, 10, 60])
     '2 to 4, 10, 60'
     """
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
+    groups = groupby(enumerate(numbers), key=lambda at: at[1] - at[0])
+    runs = [[number for _, number in group] for _, group in groups]
     return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

@@ -16,7 +16,6 @@ from pipeline.plan import SOLVED
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import decode, has_metadata, read_content, verified
-from pipeline.text import public_url
 
 LEARNED = ("initial", "goal", "states")  # columns that training reads
 SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
@@ -101,30 +100,27 @@ def solved_scenarios(where: Where | Folder, n: int, split: str) -> list[Scenario
     return scenarios_of(solved_rows(where, n, split, [one.name for one in SCENARIO_FIELDS]))
 
 
-def examples(where: Where | Folder, n: int, split: str) -> Examples:
-    """Solved instances of a split as arrays; InputError also where none is solved."""
-    found = _examples(solved_rows(where, n, split, LEARNED), n, split)
-    if len(found) == 0:
-        raise InputError(
-            f"{public_url(where)} has no solved instance of n={n} in its {split} split; expected "
-            "some: sample more scenarios, into another folder."
-        )
-    return found
-
-
-def examples_within(
+def solved_examples(
     where: Where | Folder, n: int, split: str, memory: float = MEMORY
 ) -> ExampleSource:
-    """Solved instances of a split: loaded where they fit into ``memory`` bytes, else streamed."""
+    """Solved instances of a split: loaded where they fit into ``memory`` bytes, else streamed.
+
+    InputErrors as of ``solved_rows``, and where none is solved.
+    """
     check_range("memory", memory, 1, 1e15)
     folder = open_folder(where)
     manifest = read_manifest(folder)
     shards = _shards(folder, manifest, n, split)
     tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
     count = sum(len(_chosen(table, split)) for table in tables)
+    if count == 0:
+        raise InputError(
+            f"{folder} has no solved instance of n={n} in its {split} split; expected some: sample "
+            "more scenarios, into another folder."
+        )
     buffer = buffer_of(memory, n, manifest.problem)
     if count <= buffer:
-        return examples(where, n, split)
+        return _examples(solved_rows(folder, n, split, LEARNED), n, split)
 
     def read(part: int) -> Examples:
         table = read_solved(folder, manifest, shards[part], [*LEARNED, *SELECTED_BY], again=True)

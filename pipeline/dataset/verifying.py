@@ -1,6 +1,6 @@
-"""Integrity of every shard and physics of every row of a dataset, and the repair of faults."""
+"""Every fault of a dataset, of its files and of their rows, and the repair of faults."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -8,9 +8,8 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from pipeline.arrays import Array, Bool, Float
+from pipeline.dataset import schema
 from pipeline.dataset.making import complete, drawn_table, refuse_versions
 from pipeline.dataset.manifest import (
     BESIDE,
@@ -23,63 +22,15 @@ from pipeline.dataset.manifest import (
     manifest_or_copy,
     requirements_of,
 )
-from pipeline.dataset.schema import (
-    SCENARIO_FIELDS,
-    SOLVED_FIELDS,
-    TIMING_FIELDS,
-    problem_of,
-    same_scenarios,
-    scenarios_of,
-    stacked,
-)
+from pipeline.dataset.physics import row_faults
 from pipeline.documents import CHECKSUM, parsed
 from pipeline.errors import InputError, ProlearnError
-from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import node_collisions
-from pipeline.orbit.transfer import dynamics_defect, fuel
 from pipeline.parallel.workers import Workers
-from pipeline.plan import (
-    INFEASIBLE,
-    SOLVED,
-    UNSAFE,
-    UNSOLVED,
-    Plan,
-    Requirements,
-    certify,
-    gap_of,
-    violations,
-)
-from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
 from pipeline.progress import SILENT, Progress
-from pipeline.scenario import Scenario
-from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS
+from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, committed, read_timed, set_aside, sole_writer
-from pipeline.storage.shards import (
-    TIMED_KEY,
-    Size,
-    decode,
-    digest_of,
-    encode,
-    has_metadata,
-    read_metadata,
-)
 from pipeline.storage.shared import work_on
-
-STATUSES = (SOLVED, INFEASIBLE, UNSOLVED, UNSAFE)
-# Columns that solved rows, and no others, have a value in, beside min_separation
-PLANNED = ("states", "controls", "fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
-
-VIOLATIONS = {
-    "thrust": "breaks the thrust limit",
-    "separation": "comes too close",
-    "passive safety": "comes too close after a loss of thrust",
-}
-
-AT_ONCE = 100  # rows that are certified at once, which bounds memory
-
-Rows = Bool[Array, "N"]
 
 DIGEST = "does not have the digest that the manifest gives it"
 CUT_SHORT = "is not in the manifest; the run that made it was cut short"
@@ -88,121 +39,28 @@ TIMED_AGAIN = f"is whole, but not the one that {TIMED} has; two runs at once mad
 # Files of a run that was cut short, or ran beside another, may be sound; copies are written anew.
 REPLACED = (CUT_SHORT, UNTIMED, TIMED_AGAIN)
 NOT_EXPECTED = "does not belong to this dataset"
-FIELDS = {"scenarios": SCENARIO_FIELDS, "solved": SOLVED_FIELDS, "timings": TIMING_FIELDS}
+FIELDS = {
+    "scenarios": schema.SCENARIO_FIELDS,
+    "solved": schema.SOLVED_FIELDS,
+    "timings": schema.TIMING_FIELDS,
+}
 
 
 def stands_alone(content: bytes) -> bool:
     """Whether bytes are a shard with sound rows, of whatever dataset."""
     try:
         # Rows take at least 32 bytes, and numbers one, however well they are packed.
-        table = decode(content, Size(rows=len(content) // 32, values=len(content)))
-        return table.num_rows > 0 and _is_sound(table)
-    except (InputError, ValueError):  # other columns have no shape either
+        table = shards.decode(content, shards.Size(rows=len(content) // 32, values=len(content)))
+        solved = table.schema.equals(pa.schema(schema.SOLVED_FIELDS))
+        if not solved and not table.schema.equals(pa.schema(schema.SCENARIO_FIELDS)):
+            return False
+        (n,) = {*table["n_spacecraft"].to_pylist()}
+        if {scenario.n for scenario in schema.scenarios_of(table)} != {n}:
+            return False
+        requirements = requirements_of(shards.read_metadata(table))
+        return not (solved and any(row_faults(table, n, schema.problem_of(table), requirements)))
+    except (InputError, ValueError):  # other columns have no shape, and other rows no one size
         return False
-
-
-def _is_sound(table: pa.Table) -> bool:
-    solved = table.schema.equals(pa.schema(SOLVED_FIELDS))
-    if not solved and not table.schema.equals(pa.schema(SCENARIO_FIELDS)):
-        return False
-    sizes = {scenario.n for scenario in scenarios_of(table)}
-    if sizes != {*table["n_spacecraft"].to_pylist()} or len(sizes) != 1:
-        return False
-    requirements = requirements_of(read_metadata(table))
-    return not (solved and any(row_faults(table, sizes.pop(), problem_of(table), requirements)))
-
-
-def row_faults(
-    table: pa.Table, n: int, problem: Problem, requirements: Requirements
-) -> Iterator[str]:
-    """Every row of a solved shard of swarm size n whose claims are wrong, with the reason."""
-    faults = list(_named(table, _status_checks(table, n)))
-    yield from faults
-    solved = table.filter(pc.equal(table["status"], SOLVED))
-    if not faults and solved.num_rows:
-        yield from _named(solved, _row_checks(solved, n, problem, requirements))
-
-
-def _named(table: pa.Table, checks: Iterable[tuple[str, Rows]]) -> Iterator[str]:
-    names = table["scenario_id"].to_pylist()
-    for what, wrong in checks:
-        yield from (f"{names[k]} {what}" for k in np.flatnonzero(wrong))
-
-
-def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, Rows]]:
-    """Whether rows have a status, and values in the columns that it says, and in no others."""
-    solved = pc.equal(table["status"], SOLVED).to_numpy()
-    has = {c: table[c].is_valid().to_numpy() for c in (*PLANNED, "min_separation", "convex_solves")}
-    bad = np.any([has[c] != solved for c in PLANNED], axis=0)
-    bad |= has["min_separation"] != (solved & (n > 1))  # one craft is near no other
-    yield "is not whole", bad | (solved & ~has["convex_solves"])
-    status = np.array(table["status"].to_pylist())
-    yield f"has none of the statuses {', '.join(STATUSES)}", ~np.isin(status, STATUSES)
-    fewer = pc.less(table["convex_solves"], 0).fill_null(False).to_numpy()
-    yield "has a negative number of convex programs", fewer
-
-
-def _row_checks(
-    solved: pa.Table, n: int, problem: Problem, requirements: Requirements
-) -> Iterator[tuple[str, Rows]]:
-    try:
-        states = stacked(solved, "states", n, problem.nodes, 6)
-        controls = stacked(solved, "controls", n, problem.intervals, 3)
-        ends = np.stack([stacked(solved, end, n, 6) for end in ("initial", "goal")], axis=2)
-    except ValueError:
-        yield "has arrays of another shape", np.arange(solved.num_rows) == 0
-        return
-    numbers = ("fuel", "fuel_lower_bound", "optimality_gap", "node_collisions")
-    claimed, bound, gap, colliding = (solved[name].to_numpy() for name in numbers)
-    used, none = fuel(controls), problem.negligible_fuel
-    pairs = zip(used.tolist(), bound.tolist(), strict=True)
-    found = np.array([gap_of(*pair, problem) for pair in pairs])
-    collisions = node_collisions(states, problem.collision_radius)
-    yield "breaks the dynamics", _beyond(dynamics_defect(states, controls, problem))
-    yield "misses an end", _beyond(states[:, :, [0, -1]] - ends)
-    yield "has another fuel than its controls", ~np.isclose(used, claimed, rtol=1e-9, atol=0)
-    yield "needs less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - none)
-    yield "has a lower bound that is not 0 or more", ~(bound >= -none)
-    yield "has another gap than its fuel", ~np.isclose(found, gap, rtol=0, atol=1e-9)
-    yield "has other node collisions than its states", collisions != colliding
-    claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
-    wrong, apart = _judged(states, controls, ends, problem, requirements)
-    if n > 1:
-        other = ~(np.abs(apart - claimed) <= 2 * TOLERANCE)
-        yield "has another least separation than its states", other
-    for what, told in VIOLATIONS.items():
-        where = " at a node" * (what == "separation" and requirements.at_nodes)
-        yield told + where, np.array([what in found for found in wrong])
-
-
-def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
-    worst = np.abs(error).max(axis=tuple(range(1, error.ndim - 1)))
-    far = worst[:, :3].max(axis=1) > POSITION_TOLERANCE
-    return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)
-
-
-def _judged(
-    states: Float[Array, "N n T 6"],
-    controls: Float[Array, "N n intervals 3"],
-    ends: Float[Array, "N n 2 6"],
-    problem: Problem,
-    requirements: Requirements,
-) -> tuple[list[dict[str, str]], Float[Array, "N"]]:
-    """What each row violates, and its least separation, m; nothing and NaN where not finite."""
-    wrong: list[dict[str, str]] = [{} for _ in states]
-    apart = np.full(len(states), np.nan)
-    finite = [np.isfinite(part).all(axis=(1, 2, 3)) for part in (states, controls, ends)]
-    rows = np.flatnonzero(np.all(finite, axis=0))
-    for some in np.array_split(rows, 1 + len(rows) // AT_ONCE) if len(rows) else ():
-        scenarios = [Scenario(problem, *ends[k].swapaxes(0, 1)) for k in some]
-        flown, burned = np.concatenate(states[some]), np.concatenate(controls[some])
-        found = certify(scenarios, flown, burned, [(0.0, "")] * len(some), requirements)
-        for scenario, k, certificate in zip(scenarios, some.tolist(), found, strict=True):
-            kept, parts = requirements.separation, (states[k], controls[k], certificate)
-            wrong[k] = violations(Plan(scenario, "", SOLVED, *parts, separation=kept))
-            least = certificate.min_separation
-            apart[k] = np.nan if least is None else least
-    return wrong, apart
 
 
 @dataclass(frozen=True)
@@ -283,7 +141,7 @@ def repair(
         for fault in faults:
             replaced = fault.path in (COPY, TIMED) or fault.what in REPLACED
             if fault.path not in left and not replaced and folder.exists(fault.path):
-                set_aside(folder, fault.path, progress, *[FOREIGN] * fault.foreign)
+                progress.say(set_aside(folder, fault.path, *[FOREIGN] * fault.foreign))
         with committed(Ledger(folder, manifest, progress)) as ledger:
             # Timings come from solving, so that the plan goes with them.
             ledger.drop(f.path.removeprefix(TIMINGS) for f in faults if f.path not in left)
@@ -361,33 +219,28 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
     timings = check.kind == "timings"
     if check.digest is None and not timings:
         return Fault(name, CUT_SHORT)
-    right = check.digest in (None, digest_of(content))
-    if timings and not right:
-        again = _is_timed_again(check, content, shard)
-        said = TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it"
-        return Fault(name, said)
+    right, table = check.digest in (None, shards.digest_of(content)), None
     try:
-        table = decode(content, shard.most)
+        table = shards.decode(content, shard.most)
+        other = _mismatch(table, check, shard)
     except InputError as error:
-        return Fault(name, str(error), sound=not timings and stands_alone(content))
-    other = _mismatch(table, check, shard)
-    if other or not right:
-        alone = bool(other) and not timings and stands_alone(content)
-        return Fault(name, other if right else DIGEST, sound=alone)
-    return table
+        other = str(error)
+    if right and not other:
+        return table
+    if not timings:
+        what = other if right or table is None else DIGEST
+        return Fault(name, what, sound=bool(other) and stands_alone(content))
+    if right:
+        return Fault(name, other)
+    # Of this solved shard, by another run, and undamaged: not every byte has a checksum.
+    again = not other and check.solved is not None and shards.encode(table) == content
+    return Fault(name, TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it")
 
 
 def _wrong(table: pa.Table, kind: str, shard: Shard) -> Iterator[str]:
     """What is wrong with the rows of a shard."""
-    if kind != "timings":
-        yield from _scenario_faults(table, shard)
-    if kind == "solved":
-        requirements = requirements_of(shard.about.solve)
-        yield from row_faults(table, shard.n, shard.about.problem, requirements)
-
-
-def _scenario_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
-    """What is wrong with the scenarios of a shard, solved or not."""
+    if kind == "timings":
+        return
     if table["split"].to_pylist() != [split for split, _ in shard.sample.drawn_as(shard.rows)]:
         yield "has rows of other splits than they were drawn for"
     if {*table["n_spacecraft"].to_pylist()} != {shard.n}:
@@ -395,17 +248,20 @@ def _scenario_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
     if {*table["family"].to_pylist()} != {shard.sample.family}:
         yield f"has rows of other families than {shard.sample.family}"
     try:
-        ends = [stacked(table, end, shard.n, 6) for end in ("initial", "goal")]
+        ends = [schema.stacked(table, end, shard.n, 6) for end in ("initial", "goal")]
     except ValueError:
         yield "has ends of another shape"
     else:
         if not np.isfinite(ends).all():
             yield "has ends that are not finite numbers"
+    if kind == "solved":
+        requirements = requirements_of(shard.about.solve)
+        yield from row_faults(table, shard.n, shard.about.problem, requirements)
 
 
 def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Iterator[Fault]:
     """Faults where solved rows have other scenarios than drawn: which of the two files is wrong."""
-    if same_scenarios(solved, scenarios):
+    if schema.same_scenarios(solved, scenarios):
         return
     try:
         right = drawn_table(shard)
@@ -413,30 +269,20 @@ def _other_scenarios(solved: pa.Table, scenarios: pa.Table, shard: Shard) -> Ite
         yield Fault(shard.solved, f"has other scenarios than {shard.scenarios}")
         return
     for path, rows in ((shard.solved, solved), (shard.scenarios, scenarios)):
-        if not same_scenarios(rows, right):
+        if not schema.same_scenarios(rows, right):
             yield Fault(path, "has other scenarios than are drawn for it")
-
-
-def _is_timed_again(check: Check, content: bytes, shard: Shard) -> bool:
-    """Whether timings are undamaged and of this solved shard, though another run wrote them."""
-    try:
-        table = decode(content, shard.most)
-    except InputError:
-        return False
-    whole = encode(table) == content  # not every byte has a checksum
-    return whole and check.solved is not None and not _mismatch(table, check, shard)
 
 
 def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
     """How a table differs from what its shard must hold; empty where it does not."""
     if not table.schema.equals(pa.schema(FIELDS[check.kind])):
         return "has other columns than a dataset of this version"
-    if check.kind != "timings" and not has_metadata(table, shard.metadata(check.name)):
+    if check.kind != "timings" and not shards.has_metadata(table, shard.metadata(check.name)):
         return "was made with other settings or versions than the manifest has"
     if table["scenario_id"].to_pylist() != shard.scenario_ids:
         return f"has other rows than the {len(shard.rows)} that the manifest expects"
     if check.solved is not None:
-        if (table.schema.metadata or {}).get(TIMED_KEY) != check.solved.encode():
+        if (table.schema.metadata or {}).get(shards.TIMED_KEY) != check.solved.encode():
             return f"is not of {shard.solved} as the manifest has it"
         if check.digest is None:
             return UNTIMED

@@ -90,15 +90,13 @@ def over_trainings(
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])
     spreads = {one.source: one.spread for one in averages if one.spread}
     found[list(spreads.values())] = groups[list(spreads)].std()[list(spreads)]
-    known = {"planner": in_order(found["planner"])} if "planner" in group else {}
-    places = {
-        name: {value: place for place, value in enumerate(values)}
-        for name, values in (known | dict(order)).items()
-    }
+    known = dict(order)
+    if "planner" in group:
+        known["planner"] = in_order(found["planner"])
 
     def rank(column: "pd.Series[Any]") -> "pd.Series[Any]":
-        place = places.get(str(column.name))
-        return column if place is None else column.map(place).fillna(len(place))
+        values = known.get(str(column.name))
+        return column if values is None else column.map({v: k for k, v in enumerate(values)})
 
     return found.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
 

@@ -70,7 +70,6 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
     """One quantity against n: a row of panels for each reading, a column for each recipe.
 
     Experts, baselines and planners without a recipe whose output is a plan stand in every panel.
-    A band is the standard deviation between trainings, where there are several.
     """
     rows = summary.dropna(subset=[what.average.source])
     # A network whose output is a plan stands with those that are flown, by its recipe.

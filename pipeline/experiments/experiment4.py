@@ -90,8 +90,7 @@ def recipes_of(summary: pd.DataFrame) -> list[str]:
 def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) -> Figure:
     """The networks of one recipe, flown, with experts and baselines.
 
-    A row of panels for each average of SHOWN; other T on the left, other Δt on the right. A band
-    is the standard deviation between trainings, where there are several.
+    A row of panels for each average of SHOWN; other T on the left, other Δt on the right.
     """
     mine = ~summary["planner"].map(is_network) | (summary["recipe"] == recipe)
     shown = summary[mine & (summary["reading"] != PREDICTED)]

@@ -11,19 +11,7 @@ from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments import averages, records
 from pipeline.experiments.averages import average
-from pipeline.experiments.records import (
-    AS_FLOWN,
-    FEEDBACK,
-    LINEAR,
-    LOOPS,
-    NO_ERRORS,
-    OPEN,
-    ORBITS,
-    PLANNED,
-    RISK,
-    TYPICAL,
-    WITH_ERRORS,
-)
+from pipeline.experiments.records import AS_FLOWN, LINEAR, LOOPS, NO_ERRORS, OPEN, TYPICAL
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
@@ -88,7 +76,7 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         "most": share(1 - SAFE),
         "typical": TYPICAL,
         "size": SIZE,
-        "risk": RISK,
+        "risk": records.RISK,
         "picture": Picture("experiment5", flights_figure(summary, look)),
         "within": within_table(summary),
         "conditions": conditions_table(summary),
@@ -100,7 +88,7 @@ def planned_values(
     flights: pd.DataFrame, summary: pd.DataFrame, look: Mapping[str, Style]
 ) -> dict[str, Any]:
     """Values for the template on plans as flown, beside those for the linear model."""
-    *shapes, last = (f"{ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
+    *shapes, last = (f"{records.ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
     return {
         "claim": _claim(flights),
         "trials": _trials(summary),
@@ -120,9 +108,9 @@ def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
 
     With feedback a plan is made for the risk, and as flown.
     """
-    chosen = (summary["planned"] == LINEAR) | (summary["loop"] == FEEDBACK)
+    chosen = (summary["planned"] == LINEAR) | (summary["loop"] == records.FEEDBACK)
     key = ["n", "world"]
-    worlds = summary.loc[summary["loop"] == FEEDBACK, key].drop_duplicates()
+    worlds = summary.loc[summary["loop"] == records.FEEDBACK, key].drop_duplicates()
     return summary[chosen].merge(worlds, on=key)
 
 
@@ -167,8 +155,8 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     linear = rows[(rows["planned"] == LINEAR) & (rows["errors"] == NO_ERRORS)]
     linear = linear[linear["loop"] == OPEN].groupby(plan)[["delta_v"]].first()  # in any world
     rows["over_linear"] = rows["delta_v"] / rows[plan].join(linear, on=plan)["delta_v"]
-    order = dict(zip(CONDITION, ((LINEAR, *ORBITS), records.ERRORS, LOOPS), strict=True))
-    order["planned"] = PLANNED
+    order = dict(zip(CONDITION, ((LINEAR, *records.ORBITS), records.ERRORS, LOOPS), strict=True))
+    order["planned"] = records.PLANNED
     summary = averages.averaged(rows, group, AVERAGES, order)
     for one in SHARES:
         found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).groupby(group)
@@ -316,7 +304,7 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         return []
     summary = in_loops(summarize_flights(flights))
     typical = summary[summary["world"] == TYPICAL]
-    rough = typical[typical["errors"] == WITH_ERRORS]
+    rough = typical[typical["errors"] == records.WITH_ERRORS]
     undisturbed = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
     found = []
     for (n, planner, recipe), rows in rough.groupby(["n", "planner", "recipe"], sort=False):

@@ -96,11 +96,7 @@ def _flown(
     seed: int,
     part: tuple[int, Scenario, Sequence[str]],
 ) -> pd.DataFrame:
-    """Rows of experiment 5 for one scenario: every planner's plans in every world and loop.
-
-    In the part's worlds plans fly in all loops, with and without errors; elsewhere without errors
-    in open loop.
-    """
+    """Rows of experiment 5 for one scenario: every planner's plans, as of ``_cases``."""
     trial, scenario, in_loops = part
     problem, first = scenario.problem, trial * flights
     nonlinear = worlds_of(scenario, seed, trial)
@@ -140,7 +136,11 @@ def _cases(
     in_loops: Sequence[str],
     worlds: Mapping[str, NonlinearWorld],
 ) -> Iterator[tuple[Plan, str, str, str, Loop]]:
-    """Plans of one planner for a scenario, each with its model, world, errors and loop."""
+    """Plans of one planner for a scenario, each with its model, world, errors and loop.
+
+    In the worlds ``in_loops`` they fly in all loops, with and without errors; elsewhere in open
+    loop without errors.
+    """
     baseline, exact = planner.name in BASELINES, records.NO_ERRORS
     (plan,) = planner.plan([scenario])
     every = flight_loops(plan, COLD_GAS, planner)

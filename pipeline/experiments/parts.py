@@ -19,9 +19,6 @@ from pipeline.storage.tables import table_bytes, table_from
 SCHEMA = "prolearn.parts/1"
 OWNED = r"table=\w+/part-\d{5,}\.parquet"  # pattern of the names of shards
 
-NO_CODE: DecidedBy = ((), ())
-
-
 Of = TypeVar("Of")
 
 
@@ -99,7 +96,7 @@ def done_parts(
     progress.expect(len(parts))
     if tables:
         progress.done(len(tables), "kept")
-    decided_by = kept.decided_by if kept else NO_CODE
+    decided_by = kept.decided_by if kept else ((), ())
     one = partial(_made, make, decided_by, made_with(*decided_by))
     tasks = [(k, parts[k]) for k in left]
     with closing((workers or Workers()).work(one, tasks, lambda _: b"", progress)) as made:

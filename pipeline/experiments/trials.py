@@ -22,8 +22,6 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
-NAN = float("nan")
-
 
 @runtime_checkable
 class Predictor(Protocol):
@@ -131,12 +129,12 @@ def _trial(one: EvaluatedPlanner, trial: int, plan: Plan) -> Trial:
         node_collisions=certificate.node_collisions,
         pair_conflicts=float(pair_conflicts(plan.states, plan.controls, scenario.problem)),
         safe=flies_safely(plan),
-        min_separation=NAN if certificate.min_separation is None else certificate.min_separation,
+        min_separation=np.nan if certificate.min_separation is None else certificate.min_separation,
         fuel=certificate.fuel,
         fuel_lower_bound=certificate.fuel_lower_bound,
         boundary_error=certificate.goal_error,
         dynamics_error=certificate.dynamics_error,
-        seconds=NAN,
+        seconds=np.nan,
         convex_solves=plan.convex_solves,
     )
 
@@ -163,18 +161,14 @@ def _predicted(
             row,
             reading=PREDICTED,
             node_collisions=int(collisions[trial]),
-            pair_conflicts=NAN,
+            pair_conflicts=np.nan,
             safe=False,
-            min_separation=NAN,
+            min_separation=np.nan,
             fuel=float(used[trial]),
             boundary_error=float(np.abs(ends[:, trial, :, :3]).max()),
             dynamics_error=float(np.abs(defect[trial, ..., :3]).max()),
             convex_solves=0,
         )
-
-
-PlannersFor = Callable[[Problem], Sequence[EvaluatedPlanner]]
-"""Who can take part in a problem: experts and baselines always, networks where they fit."""
 
 
 def variations(
@@ -193,7 +187,7 @@ def variations(
 
 
 def run_transfer_times(
-    planners_for: PlannersFor,
+    planners_for: Callable[[Problem], Sequence[EvaluatedPlanner]],
     scenarios: Sequence[Scenario],
     varied: Sequence[tuple[str, Problem]],
     *,

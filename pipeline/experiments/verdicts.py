@@ -166,17 +166,17 @@ def compare(
         for rows in (first, second)
     )
     differences = (one - other).dropna(subset="safe")
-    safe, cost = (differences[column].dropna().to_numpy(dtype=float) for column in ("safe", fuel))
+    safe, cost = differences["safe"], differences[fuel].dropna().astype(float)
     fewer = min((safe > 0).sum(), (safe < 0).sum())
     chance = min(1.0, 2 * special.bdtr(fewer, (safe != 0).sum(), 0.5))  # the sign test
     shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))
     return PairedComparison(
         trials=len(differences),
-        safe=float(safe.mean()) if len(safe) else float("nan"),
+        safe=float(safe.mean()),
         safe_interval=intervals.newcombe(*shares),
         safe_by_chance=float(chance),
-        fuel=float(cost.mean()) if len(cost) else float("nan"),
-        fuel_interval=intervals.mean_interval(cost),
+        fuel=float(cost.mean()),
+        fuel_interval=intervals.mean_interval(cost.to_numpy()),
     )
 
 

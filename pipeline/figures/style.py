@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from threading import RLock
 from typing import Any, Literal
@@ -95,11 +96,8 @@ OTHER_MARKERS = ("X", "h", "p", "d")
 def styles(planners: Iterable[str]) -> dict[str, Style]:
     """A style for each planner; planners that the paper does not know get further ones by name."""
     others = [p for p in in_order(planners) if p not in KNOWN]
-    further = {
-        p: Style(OTHER_COLOURS[k % len(OTHER_COLOURS)], OTHER_MARKERS[k % len(OTHER_MARKERS)], "-.")
-        for k, p in enumerate(others)
-    }
-    return KNOWN | further
+    looks = zip(others, cycle(OTHER_COLOURS), cycle(OTHER_MARKERS), strict=False)
+    return KNOWN | {planner: Style(colour, marker, "-.") for planner, colour, marker in looks}
 
 
 _DRAWING = RLock()

@@ -93,9 +93,6 @@ def _starting_processes() -> Iterator[None]:
     A terminal sends Ctrl-C to all of them, and one that is still importing would print a
     traceback; this process tells them when to stop.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
     for tracker in (resource_tracker, loky_tracker):
         tracker.ensure_running()  # one that started in the block would undo it
     with waiting_signals():

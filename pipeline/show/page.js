@@ -53,7 +53,6 @@ const bodies = [
   ...data.positions.map((track, k) => ({ name: `craft ${k}`, track, axes: Array(3).fill(data.radii[k]) })),
   ...data.obstacles,
 ];
-const numbersOf = bodies.map((_, k) => k);
 
 /** The surfaces of all bodies at the present sample: x, y and z of their points, m. */
 function surfaces() {
@@ -86,8 +85,8 @@ const BALLS = 0, NUMBERS = 1; // where they stand among the traces
 
 function spaceTraces() {
   const [x, y, z] = surfaces(), many = ball.points.length;
-  const faces = (corner) => numbersOf.flatMap((k) => ball.triangles.map((t) => k * many + t[corner]));
-  const each = (value) => numbersOf.flatMap((k) => Array(many).fill(value(k)));
+  const faces = (corner) => bodies.flatMap((_, k) => ball.triangles.map((t) => k * many + t[corner]));
+  const each = (value) => bodies.flatMap((_, k) => Array(many).fill(value(k)));
   const look = (k) => (k >= craft.length ? "limit" : state.marked.includes(k) ? "marked" : "craft");
   const { text, at, positions } = numbers(), { shown, marked } = state;
   return [

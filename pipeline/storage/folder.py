@@ -100,11 +100,6 @@ class Folder:
             with self.files.open_output_stream(name) as file:
                 file.write(content)
 
-    def touch(self, name: str) -> None:
-        """Make an empty file; ProlearnError where the folder cannot be written to."""
-        with self._writing(name):
-            self.files.open_output_stream(name).close()
-
     def remove(self, name: str) -> None:
         """Remove a file; ProlearnError where the folder cannot be written to."""
         with self._writing(name):

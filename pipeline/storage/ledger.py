@@ -5,7 +5,7 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
@@ -23,17 +23,9 @@ from pipeline.errors import InputError, ProlearnError, told_where
 from pipeline.files import make_folder, unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
+from pipeline.storage import shards
 from pipeline.storage.folder import Folder, Stamp
-from pipeline.storage.shards import (
-    TIMED_KEY,
-    Size,
-    decode,
-    digest_of,
-    encode,
-    read_content,
-    verified,
-)
-from pipeline.storage.shared import Shared, shared
+from pipeline.storage.shared import work_on
 
 TIMED_SCHEMA = "prolearn.timings/1"
 COMMIT_SHARE = 0.1  # most of the time that may go into commits of the manifest
@@ -134,10 +126,10 @@ class Ledger(Generic[Kind]):
         name, content = made.name, made.content
         if made.timings is not None:
             self.folder.publish(storage.TIMINGS + name, made.timings)
-            self.timed[name] = digest_of(made.timings)
+            self.timed[name] = shards.digest_of(made.timings)
         if isinstance(content, bytes):
             outgrown = self._outgrown.pop(name, "")
-            content = write(self.folder, name, content, self._progress, outgrown)
+            content = write(self.folder, name, content, outgrown)
         for sentence in content.said:
             self._progress.say(sentence)
         if self.shards.get(name, content.digest) != content.digest:
@@ -148,20 +140,20 @@ class Ledger(Generic[Kind]):
         if monotonic() >= self._not_before:
             self.commit()
 
-    def adopt(self, name: str, most: Size, fits: Callable[[pa.Table], bool]) -> bool:
+    def adopt(self, name: str, most: shards.Size, fits: Callable[[pa.Table], bool]) -> bool:
         """Add a shard that a killed run did not commit, if it is whole and belongs in its place."""
         try:
             content, timings = self.folder.read(name), self.folder.read(storage.TIMINGS + name)
-            table = decode(content, most)
-            belongs_to = (decode(timings, most).schema.metadata or {}).get(TIMED_KEY)
-            whole = fits(table) and encode(table) == content  # not every byte has a checksum
+            table = shards.decode(content, most)
+            belongs_to = (shards.decode(timings, most).schema.metadata or {}).get(shards.TIMED_KEY)
+            whole = fits(table) and shards.encode(table) == content  # not every byte has a checksum
         except (OSError, InputError):
             return False
-        digest = digest_of(content)
+        digest = shards.digest_of(content)
         if not whole or belongs_to != digest.encode():
             return False
         self.shards[name] = digest
-        self.timed[name] = digest_of(timings)
+        self.timed[name] = shards.digest_of(timings)
         return True
 
     def outgrow(self, name: str) -> None:
@@ -178,8 +170,8 @@ class Ledger(Generic[Kind]):
         started, now = monotonic(), (self.manifest, dict(self.timed), dict(self._stamps))
         manifest, timed, stamps = self._committed
         if self.timed != timed:
-            shards = dict(sorted(self.timed.items()))
-            write_checked(self.folder, storage.TIMED, {"schema": TIMED_SCHEMA, "shards": shards})
+            fields = {"schema": TIMED_SCHEMA, "shards": dict(sorted(self.timed.items()))}
+            write_checked(self.folder, storage.TIMED, fields)
         if now[0] != manifest:
             write_checked(self.folder, storage.MANIFEST, now[0].fields(), storage.COPY)
         if self._stamps != stamps:
@@ -195,27 +187,25 @@ class Written:
 
     digest: str
     stamp: Stamp | None
-    said: Sequence[str] = ()  # to people, by the worker that wrote it
+    said: Sequence[str] = ()  # that people should know
 
 
-def write(
-    folder: Folder, name: str, content: bytes, progress: Progress, outgrown: str = ""
-) -> Written:
+def write(folder: Folder, name: str, content: bytes, outgrown: str = "") -> Written:
     """Write a shard, unless it is there; another file of its name is set aside as damaged.
 
     A file of the digest ``outgrown`` is overwritten instead.
     """
-    digest, there = digest_of(content), folder.exists(name)
+    digest, there, said = shards.digest_of(content), folder.exists(name), []
     if not (there and _holds(folder, name, digest)):
         if there and not (outgrown and _holds(folder, name, outgrown)):
-            set_aside(folder, name, progress)
+            said.append(set_aside(folder, name))
         folder.publish(name, content)
-    return Written(digest, folder.stamp(name))
+    return Written(digest, folder.stamp(name), said)
 
 
 def _holds(folder: Folder, name: str, digest: str) -> bool:
     try:
-        return digest_of(folder.read(name)) == digest
+        return shards.digest_of(folder.read(name)) == digest
     except OSError:
         return False
 
@@ -256,58 +246,42 @@ def write_shards(
     ``make`` gets a task and the content of the shard, if any, that is its ``source``.
     """
     progress.expect(sum(len(task.rows) for task in tasks))
-
-    def known(task: Task) -> tuple[str, str]:
-        return source(task), ledger.shards.get(source(task), "")
-
-    def load(task: Task) -> bytes:
-        return _read(ledger.folder, *known(task))
-
-    with ExitStack() as stack:
-        if workers.shared:
-            there = partial(_make_there, stack.enter_context(shared(ledger.folder)), make)
-            results = workers.work(there, tasks, known, progress)
-        else:
-            results = workers.work(make, tasks, load, progress)
-        for task, made in stack.enter_context(closing(results)):
-            ledger.publish(made)
-            progress.done(len(task.rows), failed=made.failed)
+    known = [(task, name := source(task), ledger.shards.get(name, "")) for task in tasks]
+    function = partial(_made, make)
+    made = work_on(ledger.folder, workers, function, known, _read, progress, _written)
+    with closing(made) as results:
+        for (task, *_), shard in results:
+            ledger.publish(shard)
+            progress.done(len(task.rows), failed=shard.failed)
 
 
-def _make_there(
-    where: Shared, make: Callable[[Task, bytes], NewShard], task: Task, source: tuple[str, str]
-) -> NewShard:
-    """In a worker: make a shard from what it reads, and write it, where the folder still waits."""
-    made, heard = make(task, _read(where.opened(), *source)), _Heard()
+Known = tuple[Task, str, str]
+"""A task, and the path and digest of the shard that it is made of, or nothing."""
+
+
+def _made(make: Callable[[Task, bytes], NewShard], known: Known[Task], content: bytes) -> NewShard:
+    return make(known[0], content)
+
+
+def _read(folder: Folder, known: Known[Task]) -> bytes:
+    _, name, digest = known
+    with told_where(f"{name} in {folder}"):
+        return shards.verified(shards.read_content(folder, name), digest) if name else b""
+
+
+def _written(folder: Folder, made: NewShard) -> NewShard:
+    """In a worker that shares the folder: the shard as the ledger needs to know it."""
     if isinstance(made.content, bytes):
-        written = write(where.opened(), made.name, made.content, heard)
-        return replace(made, content=replace(written, said=heard.said))
+        return replace(made, content=write(folder, made.name, made.content))
     return made
 
 
-def _read(folder: Folder, name: str, digest: str) -> bytes:
-    """The content of a shard, or nothing without a name."""
-    with told_where(f"{name} in {folder}"):
-        return verified(read_content(folder, name), digest) if name else b""
-
-
-class _Heard(Progress):
-    """Keeps what is said to people."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def say(self, sentence: str) -> None:
-        """Keep a sentence."""
-        self.said.append(sentence)
-
-
-def set_aside(folder: Folder, name: str, progress: Progress, top: str = storage.DAMAGED) -> None:
-    """Move a file out of the way of readers, under a new name, and say so."""
+def set_aside(folder: Folder, name: str, top: str = storage.DAMAGED) -> str:
+    """Move a file out of the way of readers, under a new name; a sentence that says so."""
     names = (f"{top}{name}.{number}" for number in count(1))
     aside = next(one for one in names if not folder.exists(one))
     folder.move(name, aside)
-    progress.say(f"{name} in {folder} is set aside as {aside}.")
+    return f"{name} in {folder} is set aside as {aside}."
 
 
 @contextmanager

@@ -52,7 +52,7 @@ def shared(folder: Folder) -> Iterator[Shared]:
     removes that of a killed one.
     """
     mark = f".{storage.WRITER}.{uuid4().hex}.tmp"
-    folder.touch(mark)
+    folder.publish(mark, b"")
     try:
         yield Shared(str(folder.local.absolute()) if folder.local else folder.url, mark)
     finally:
@@ -67,25 +67,29 @@ def work_on(
     tasks: Sequence[Task],
     read: Callable[[Folder, Task], Content],
     progress: Progress,
+    write: Callable[[Folder, Result], Result] | None = None,
 ) -> Generator[tuple[Task, Result], None, None]:
-    """Results as of ``Workers.work``; what tasks need of a folder is read by workers that share it.
+    """Results as of ``Workers.work``, with what ``read`` finds in a folder for each task.
 
-    Otherwise it is read here.
+    Workers that share the folder read there themselves, and may ``write`` the result.
     """
     with ExitStack() as stack:
         if workers.shared:
-            there = partial(_read_there, stack.enter_context(shared(folder)), read, function)
+            there = partial(_done_there, stack.enter_context(shared(folder)), read, function, write)
             results = workers.work(there, tasks, lambda _: None, progress)
         else:
             results = workers.work(function, tasks, partial(read, folder), progress)
         yield from stack.enter_context(closing(results))
 
 
-def _read_there(
+def _done_there(
     where: Shared,
     read: Callable[[Folder, Task], Content],
     function: Callable[[Task, Content], Result],
+    write: Callable[[Folder, Result], Result] | None,
     task: Task,
     _: None,
 ) -> Result:
-    return function(task, read(where.opened(), task))
+    result = function(task, read(where.opened(), task))
+    # Opened again, since a folder that waits no longer is not written to.
+    return result if write is None else write(where.opened(), result)

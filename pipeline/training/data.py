@@ -12,7 +12,7 @@ from torch import Tensor
 from pipeline.arrays import Int
 from pipeline.dataset.examples import Examples, ExampleSource, ExampleStream
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.reading import MEMORY, examples_within
+from pipeline.dataset.reading import MEMORY, solved_examples
 from pipeline.errors import InputError
 from pipeline.networks.architecture import Architecture, TensorBatch, swarms
 from pipeline.networks.encoding import Encoding
@@ -84,11 +84,11 @@ def sources(
     manifest = read_manifest(data)
     refuse_orbit(manifest.problem)  # before the draws below, which take minutes
     if recipe.draws:
-        valid = examples_within(data, n, "valid", memory)
+        valid = solved_examples(data, n, "valid", memory)
         family = manifest.samples[n].family
         return fresh_draws(family, seed, n, valid.problem, recipe.draws), valid
-    learn = examples_within(data, n, "train", memory)
-    valid = examples_within(data, n, "valid", memory)
+    learn = solved_examples(data, n, "train", memory)
+    valid = solved_examples(data, n, "valid", memory)
     if not recipe.crowded:
         return learn, valid
     which = range(recipe.crowded)

@@ -105,13 +105,13 @@ def test_a_trial_that_diverges_has_failed_and_is_not_made_again(
 
 def test_a_search_sees_no_test_data(folder: Path, solved: Path, monkeypatch: Any) -> None:
     asked: list[str] = []
-    read = sources.examples_within
+    read = sources.solved_examples
 
     def watched(data: Path, n: int, split: str, memory: float) -> Any:
         asked.append(split)
         return read(data, n, split, memory)
 
-    monkeypatch.setattr(sources, "examples_within", watched)
+    monkeypatch.setattr(sources, "solved_examples", watched)
     search(solved, 1)
     assert asked == ["train", "valid"]
 

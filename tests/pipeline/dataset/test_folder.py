@@ -18,7 +18,7 @@ from rights import read_only, room_until_told
 
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import OWNED, read_manifest
-from pipeline.dataset.reading import examples
+from pipeline.dataset.reading import solved_examples
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError, ProlearnError
@@ -57,7 +57,8 @@ def test_a_dataset_in_memory_is_verified_mended_and_read(in_memory, solved):
     repair(in_memory, workers=ONE)
     assert list(verify(in_memory, workers=ONE)) == []
     assert files.cat("/prolearn-test/data/n=3/part-00001.parquet") == whole
-    assert (examples(in_memory, 2, "train").states == examples(solved, 2, "train").states).all()
+    there, here = (solved_examples(one, 2, "train").states for one in (in_memory, solved))
+    assert (there == here).all()
     rows = pads.dataset("/prolearn-test/data/n=2", filesystem=files).count_rows()
     assert rows == 7
 
@@ -220,7 +221,7 @@ def test_a_read_only_folder_gives_a_sentence_and_can_still_be_read(tmp_path, sol
             with pytest.raises(ProlearnError, match="cannot be written to"):
                 write()
         assert [f.path for f in verify(solved, workers=ONE)] == ["n=3/part-00001.parquet"]
-        assert len(examples(solved, 2, "train")) == 6
+        assert len(solved_examples(solved, 2, "train")) == 6
     assert content(solved) == before
 
 

@@ -9,7 +9,7 @@ import pytest
 from forged import forge
 
 import prolearn
-from pipeline.dataset.reading import examples, examples_within, solved_rows
+from pipeline.dataset.reading import solved_examples, solved_rows
 from pipeline.dataset.schema import problem_of
 from pipeline.errors import InputError
 from pipeline.storage.shards import METADATA_KEY, Size, decode, encode
@@ -30,7 +30,7 @@ def test_any_flipped_bit_of_a_shard_is_refused_in_a_sentence(solved):
         with pytest.raises(InputError, match=MEND):
             solved_rows(solved, 3)
         with pytest.raises(InputError, match=MEND):
-            examples(solved, 3, "train")
+            solved_examples(solved, 3, "train")
 
 
 def test_statistics_that_contradict_each_other_do_not_end_the_process(solved):
@@ -78,7 +78,7 @@ def test_a_manifest_with_other_settings_than_the_shards_is_refused(solved):
 
 
 def test_a_stream_refuses_a_shard_that_changes_between_two_passes(solved):
-    stream = examples_within(solved, 3, "train", memory=1.0)
+    stream = solved_examples(solved, 3, "train", memory=1.0)
     assert sum(len(part) for part in stream.parts()) == len(stream)
     path = solved / SHARD
     content = bytearray(path.read_bytes())

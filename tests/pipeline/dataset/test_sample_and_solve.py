@@ -16,7 +16,7 @@ from cli.main import app
 from pipeline.dataset import making as stage
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import most_rows, read_manifest
-from pipeline.dataset.reading import examples, solved_rows
+from pipeline.dataset.reading import solved_examples, solved_rows
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import SOLVED_FIELDS, scenarios_of, stacked
 from pipeline.dataset.verifying import verify
@@ -171,7 +171,7 @@ def test_every_scenario_has_a_row_and_failures_reach_no_training(tmp_path):
     assert len(table) == 24
     assert 0 < len(failed) < 24
     assert all(table["states"][k].as_py() is None for k in failed)
-    learnt = examples(tmp_path, 2, "train")
+    learnt = solved_examples(tmp_path, 2, "train")
     assert len(learnt) == 24 - len(failed)
     assert np.isfinite(learnt.states).all()
     initial = stacked(table, "initial", 2, 6)
@@ -223,7 +223,7 @@ def test_stacked_columns_are_the_rows_one_by_one(solved):
 
 
 def test_examples_are_the_rows_of_their_split(solved):
-    whole, train = solved_rows(solved, 2), examples(solved, 2, "train")
+    whole, train = solved_rows(solved, 2), solved_examples(solved, 2, "train")
     wanted = [k for k, split in enumerate(whole["split"].to_pylist()) if split == "train"]
     assert len(train) == len(wanted) == 6
     assert np.array_equal(train.states, stacked(whole, "states", 2, 11, 6)[wanted])
@@ -247,7 +247,7 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
             workers=Workers(jobs=1),
         )
         solve(solved / "x", Settings(), workers=ONE)
-        examples(solved / "x", 3, "test")
+        solved_examples(solved / "x", 3, "test")
     with pytest.raises(InputError, match=r"no scenarios of n=5; expected n = 3\.$"):
         solved_rows(solved / "x", 5)
     (solved / "n=3/part-00001.parquet").unlink()

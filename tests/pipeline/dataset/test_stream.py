@@ -14,7 +14,7 @@ import torch
 
 from pipeline.dataset.examples import ExampleStream
 from pipeline.dataset.manifest import recorded
-from pipeline.dataset.reading import COPIES, bytes_of_one, examples, examples_within
+from pipeline.dataset.reading import COPIES, bytes_of_one, solved_examples
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import SOLVED_FIELDS, metadata
 from pipeline.errors import InputError
@@ -81,12 +81,12 @@ def folder(tmp_path_factory):
 
 def streamed(folder, split="train", held=50):
     memory = float(COPIES) * held * bytes_of_one(3, Problem())
-    return examples_within(folder, 3, split, memory)
+    return solved_examples(folder, 3, split, memory)
 
 
 def test_a_small_dataset_is_loaded_once_and_a_large_one_streams(folder):
-    assert len(examples_within(folder, 3, "train")) == 288
-    assert examples_within(folder, 3, "train").buffer is None
+    assert len(solved_examples(folder, 3, "train")) == 288
+    assert solved_examples(folder, 3, "train").buffer is None
     found = streamed(folder)
     assert isinstance(found, ExampleStream)
     assert (found.buffer, len(found), found.n, found.problem) == (50, 288, 3, Problem())
@@ -94,7 +94,7 @@ def test_a_small_dataset_is_loaded_once_and_a_large_one_streams(folder):
 
 
 def test_a_stream_has_the_instances_of_the_whole_in_order(folder):
-    whole, parts = examples(folder, 3, "valid"), list(streamed(folder, "valid", 5).parts())
+    whole, parts = solved_examples(folder, 3, "valid"), list(streamed(folder, "valid", 5).parts())
     assert len(parts) > 1
     for field in ("initial", "goal", "states"):
         joined = np.concatenate([getattr(part, field) for part in parts])
@@ -103,7 +103,7 @@ def test_a_stream_has_the_instances_of_the_whole_in_order(folder):
 
 def test_scales_of_a_stream_are_those_of_the_whole(folder):
     for target in ("states", "offset"):
-        whole = fit(examples(folder, 3, "train"), "line", target)
+        whole = fit(solved_examples(folder, 3, "train"), "line", target)
         parts = fit(streamed(folder), "line", target)
         assert parts.input_scale == pytest.approx(whole.input_scale, rel=1e-12)
         assert parts.target_scale == pytest.approx(whole.target_scale, rel=1e-12)
@@ -114,7 +114,7 @@ def preparation(encoding):
 
 
 def passed(folder, seed, size=16, held=50):
-    encoding = fit(examples(folder, 3, "train"), "line", "states")
+    encoding = fit(solved_examples(folder, 3, "train"), "line", "states")
     data = batches(streamed(folder, held=held), preparation(encoding))
     return list(data.shuffled(size, torch.Generator().manual_seed(seed)))
 
@@ -124,7 +124,7 @@ def keys(batch):
 
 
 def test_each_pass_over_a_stream_gives_every_instance_once_with_its_own_target(folder):
-    whole = examples(folder, 3, "train")
+    whole = solved_examples(folder, 3, "train")
     want = preparation(fit(whole, "line", "states")).of(whole)
     of = dict(zip(keys(want), want.tensors["target"], strict=True))
     seen = passed(folder, 0)
@@ -145,7 +145,7 @@ def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
     assert first != other
     shard = {}
     for k, part in enumerate(streamed(folder).parts()):
-        encoding = fit(examples(folder, 3, "train"), "line", "states")
+        encoding = fit(solved_examples(folder, 3, "train"), "line", "states")
         shard.update(dict.fromkeys(keys(preparation(encoding).of(part)), k))
     mixed = [len({shard[key] for key in keys(batch)}) for batch in passed(folder, 1)]
     assert np.mean(mixed) >= 2  # a batch draws from several shards, as the buffer holds some
@@ -154,7 +154,7 @@ def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
 def test_networks_learn_as_well_from_a_stream_as_from_memory(folder):
     recipe, losses = replace(recipe_for("ff1", "tuned"), epochs=8), []
     for train_on, valid, mixed in (
-        (examples(folder, 3, "train"), examples(folder, 3, "valid"), None),
+        (solved_examples(folder, 3, "train"), solved_examples(folder, 3, "valid"), None),
         (streamed(folder), streamed(folder, "valid", 5), streamed(folder).buffer),
     ):
         trained = train("ff1", recipe, train_on, valid, device="cpu")
@@ -167,7 +167,7 @@ def test_networks_learn_as_well_from_a_stream_as_from_memory(folder):
 
 def test_memory_that_is_none_is_refused(folder):
     with pytest.raises(InputError, match="memory is 0"):
-        examples_within(folder, 3, "train", 0.0)
+        solved_examples(folder, 3, "train", 0.0)
 
 
 TRAIN = """
@@ -175,13 +175,13 @@ import os, sys
 from dataclasses import replace
 from pathlib import Path
 import torch
-from pipeline.dataset.reading import examples_within
+from pipeline.dataset.reading import solved_examples
 from pipeline.training.loop import train
 from pipeline.networks.architecture import recipe_for
 torch.set_num_threads(1)
 folder = sys.argv[1]
 def run(split_size, memory):
-    data = [examples_within(folder, n, s, memory) for n, s in split_size]
+    data = [solved_examples(folder, n, s, memory) for n, s in split_size]
     train("ff1", replace(recipe_for("ff1", "tuned"), epochs=1), *data, device="cpu")
 def peak():
     (line,) = [x for x in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in x]

@@ -310,9 +310,9 @@ def test_a_large_shard_of_another_dataset_is_known_to_hold_sound_rows():
 
 def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):
     """Plans kept apart at the nodes alone, judged by the continuous criterion."""
+    from pipeline.dataset.physics import row_faults
     from pipeline.dataset.reading import solved_rows
     from pipeline.dataset.samples import Sample
-    from pipeline.dataset.verifying import row_faults
     from pipeline.orbit.dynamics import cw_matrices
 
     sample(tmp_path, {10: Sample(count=8)}, Problem(), workers=ONE)
