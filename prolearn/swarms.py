@@ -38,7 +38,8 @@ class Ring(TypedDict):
         craft: number of craft, equally spaced in phase.
         first_phase_deg: phase of the first of them, deg.
         phases_deg: instead of both, the phase of each craft, deg.
-        tilt_deg: of the ring's plane against the orbital plane, deg.
+        tilt_deg: its tangent is cross-track extent over radial one; at a cross phase of 0 the angle
+            of the ring's plane to the orbital plane, deg.
         cross_phase_deg: phase between cross-track and radial motion, deg.
         offset: along-track distance of the ring's centre from the origin, m.
     """

@@ -21,8 +21,9 @@ def pro_states(
 
     x = (a/2) cos θ, y = offset - a sin θ, z = (a/2) tan(i) cos(θ + φ), with the phase θ of each
     craft growing at the mean motion, rad/s. The semi-major axis a is half the ring's along-track
-    extent, m; the tilt i of its plane is against the orbital plane, rad; the cross phase φ, rad, is
-    between cross-track and radial motion; the offset is of its centre, along-track, m.
+    extent, m. The tilt i, rad, has the ring's cross-track extent over its radial one as tangent; it
+    is the angle of its plane to the orbital plane where the cross phase φ, rad, between cross-track
+    and radial motion is 0. The offset is of its centre, along-track, m.
     """
     a, e, theta = semi_major_axis, mean_motion, phase
     height = a / 2 * np.tan(tilt)

@@ -265,7 +265,7 @@ def _coplanar_split(draws: Draws, problems: Problems) -> list[Ends]:
 
 
 def _tilt_split(draws: Draws, problems: Problems) -> list[Ends]:
-    """A 200 m ring to two such rings slanted by ±45° (Figure 1, right)."""
+    """A 200 m ring to two such rings of tilt ±45°; at a cross phase of 0 Figure 1, right."""
     return _split(draws, problems, (200.0, 200.0), (TILT, -TILT))
 
 

@@ -54,7 +54,11 @@ class RingDocument(BaseModel):
         description="Semi-major axis: half the ring's along-track extent, its radial one, m."
     )
     tilt_deg: Number = Field(
-        0.0, gt=-90, lt=90, description="Tilt of the ring's plane against the orbital plane, deg."
+        0.0,
+        gt=-90,
+        lt=90,
+        description="Tilt, deg: its tangent is the ring's cross-track extent over its radial one. "
+        "At a cross phase of 0 it is the angle of the ring's plane to the orbital plane.",
     )
     cross_phase_deg: Number = Field(
         0.0, description="Phase between cross-track and radial motion, deg."
