@@ -1,4 +1,4 @@
-"""Physics of the rows of solved shards, computed anew from their arrays alone."""
+"""Physics of the rows of solved shards, computed anew, and what is proven of their scenarios."""
 
 from collections.abc import Iterable, Iterator
 
@@ -8,6 +8,7 @@ import pyarrow.compute as pc
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.dataset.schema import stacked
+from pipeline.expert import decoupled_optima, solve_many
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
@@ -47,9 +48,10 @@ def row_faults(
     """Every row of a solved shard of swarm size n whose claims are wrong, with the reason."""
     faults = list(_named(table, _status_checks(table, n)))
     yield from faults
-    solved = table.filter(pc.equal(table["status"], SOLVED))
-    if not faults and solved.num_rows:
-        yield from _named(solved, _row_checks(solved, n, problem, requirements))
+    for status, checks in ((SOLVED, _row_checks), (INFEASIBLE, _infeasible_checks)):
+        rows = table.filter(pc.equal(table["status"], status))
+        if not faults and rows.num_rows:
+            yield from _named(rows, checks(rows, n, problem, requirements))
 
 
 def _named(table: pa.Table, checks: Iterable[tuple[str, Rows]]) -> Iterator[str]:
@@ -95,13 +97,29 @@ def _row_checks(
     yield "has another gap than its fuel", ~np.isclose(found, gap, rtol=0, atol=1e-9)
     yield "has other node collisions than its states", collisions != colliding
     claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
-    wrong, apart = _judged(states, controls, ends, problem, requirements)
+    wrong, apart, least = _judged(states, controls, ends, problem, requirements)
+    beyond = bound > least * (1 + 1e-9) + none
+    yield "has a lower bound above the fuel of its decoupled optima", beyond
     if n > 1:
         other = ~(np.abs(apart - claimed) <= 2 * TOLERANCE)
         yield "has another least separation than its states", other
     for what, told in VIOLATIONS.items():
         where = " at a node" * (what == "separation" and requirements.at_nodes)
         yield told + where, np.array([what in found for found in wrong])
+
+
+def _infeasible_checks(
+    rows: pa.Table, n: int, problem: Problem, requirements: Requirements
+) -> Iterator[tuple[str, Rows]]:
+    """Whether it is proven that there is no plan; that takes no search where it is."""
+    try:
+        ends = [stacked(rows, end, n, 6) for end in ("initial", "goal")]
+    except ValueError:  # a fault of the scenarios
+        return
+    if np.isfinite(ends).all():
+        scenarios = [Scenario(problem, *both) for both in zip(*ends, strict=True)]
+        plans = solve_many(scenarios, requirements=requirements)
+        yield "is not proven to be infeasible", np.array([p.status != INFEASIBLE for p in plans])
 
 
 def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
@@ -116,10 +134,13 @@ def _judged(
     ends: Float[Array, "N n 2 6"],
     problem: Problem,
     requirements: Requirements,
-) -> tuple[list[dict[str, str]], Float[Array, "N"]]:
-    """What each row violates, and its least separation, m; nothing and NaN where not finite."""
+) -> tuple[list[dict[str, str]], Float[Array, "N"], Float[Array, "N"]]:
+    """What each row violates; its least separation, m; the fuel of its decoupled optima, m/s².
+
+    Nothing, NaN and infinite where the row is not finite, or a craft has no optimum.
+    """
     wrong: list[dict[str, str]] = [{} for _ in states]
-    apart = np.full(len(states), np.nan)
+    apart, least = np.full(len(states), np.nan), np.full(len(states), np.inf)
     finite = [np.isfinite(part).all(axis=(1, 2, 3)) for part in (states, controls, ends)]
     rows = np.flatnonzero(np.all(finite, axis=0))
     for some in np.array_split(rows, 1 + len(rows) // AT_ONCE) if len(rows) else ():
@@ -129,6 +150,11 @@ def _judged(
         for scenario, k, certificate in zip(scenarios, some.tolist(), found, strict=True):
             kept, parts = requirements.separation, (states[k], controls[k], certificate)
             wrong[k] = violations(Plan(scenario, "", SOLVED, *parts, separation=kept))
-            least = certificate.min_separation
-            apart[k] = np.nan if least is None else least
-    return wrong, apart
+            closest = certificate.min_separation
+            apart[k] = np.nan if closest is None else closest
+        initial, goal = np.concatenate(ends[some]).swapaxes(0, 1)
+        optima = decoupled_optima(initial, goal, problem)
+        has, alone = optima.feasible.reshape(len(some), -1), optima.controls
+        fuels = fuel(alone.reshape(len(some), -1, *alone.shape[1:]))
+        least[some] = np.where(has.all(axis=1), fuels, np.inf)
+    return wrong, apart, least

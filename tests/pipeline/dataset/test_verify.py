@@ -199,6 +199,11 @@ def infeasible(columns):
     columns["status"][1] = "infeasible"
 
 
+def given_up(columns):
+    without_plan(columns)
+    columns["status"][1] = "infeasible"
+
+
 @pytest.mark.parametrize(
     ("change", "what"),
     [
@@ -218,6 +223,7 @@ def infeasible(columns):
         (touching, "is not whole"),
         (banana, "has none of the statuses solved, infeasible, unsolved, unsafe"),
         (infeasible, "is not whole"),
+        (given_up, "is not proven to be infeasible"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
@@ -227,6 +233,25 @@ def test_a_row_that_physics_contradicts_is_named_and_made_again(solved, change, 
     assert (SHARD, f"rings-s5-n3-train-000004 {what}") in found(solved)
     repair(solved, workers=ONE)
     assert content(solved) == before
+
+
+def test_a_lower_bound_that_a_cheaper_transfer_contradicts_is_found(tmp_path):
+    from pipeline.dataset.samples import Sample
+
+    sample(tmp_path, {6: Sample(count=4, family="dense")}, Problem(), workers=ONE)
+    solve(tmp_path, Settings(), workers=ONE)
+    gap = pq.read_table(tmp_path)["optimality_gap"].to_numpy()
+    assert (gap > 1e-4).any()
+    assert found(tmp_path) == set()
+
+    def optimal(columns):
+        columns["fuel_lower_bound"] = columns["fuel"]
+        columns["optimality_gap"] = [0.0] * len(gap)
+
+    forge(tmp_path, optimal, "n=6/part-00000.parquet")
+    told = [what for _, what in found(tmp_path)]
+    assert len(told) == (gap > 1e-8).sum()
+    assert all("above the fuel of its decoupled optima" in what for what in told)
 
 
 def repeated(columns):
@@ -351,3 +376,4 @@ def test_an_independent_judge_finds_every_row_sound_where_some_have_no_plan(tmp_
     report = judge_dataset(tmp_path)
     assert report.faults == ()
     assert set(report.statuses) == {"solved", "infeasible"}
+    assert found(tmp_path) == set()
