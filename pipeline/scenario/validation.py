@@ -1,32 +1,30 @@
 """Validation of a scenario by rules: each fault with its size, or that there is none."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
-from math import ceil, floor, log10
 
 import numpy as np
 
 from pipeline.errors import InputError, check_kind
 from pipeline.orbit.approaches import SwarmPartition, close_approaches, side_by_side
 from pipeline.orbit.arrays import AnyState, Formation
-from pipeline.orbit.decoupled import least_limits
 from pipeline.orbit.dynamics import ModelError, model_error
 from pipeline.orbit.participants import Participants, at_the_end
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.relative_elements import secular_drift
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.separation import least_separations
-from pipeline.orbit.thrust import Limits
 from pipeline.orbit.transfer import free_drift
+from pipeline.scenario.diagnostic import Case, Diagnostic
+from pipeline.scenario.reach import reachable
 from pipeline.scenario.scenario import Scenario
-from pipeline.scenario.thrust_needs import MARGIN, most_strained, needs_of, shortfalls
 from pipeline.scenario.waypoint import closest_pair
 
 FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
 ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
 APART, MATCHED, INSIDE = "craft apart", "energy-matched", "inside corridors"
-PASSIVE, REACHABLE, LINEAR = "passively safe", "within reach", "linear model"  # the rules
+PASSIVE, LINEAR = "passively safe", "linear model"
 WAYPOINTS = "waypoints apart"
 # What to do where craft drift and are meant to
 DRIFTING = (
@@ -35,50 +33,19 @@ DRIFTING = (
 )
 
 
-@dataclass(frozen=True)
-class Case:
-    """One fault."""
-
-    craft: tuple[int, ...]  # whose it is
-    text: str  # what is wrong, and by how much
-    numbers: Mapping[str, float] = field(default_factory=dict)  # what the text says, in SI units
-
-
-@dataclass(frozen=True)
-class Diagnostic:
-    """Outcome of a rule at one end, or for the transfer."""
-
-    rule: str  # what was looked at
-    end: str  # "initial", "goal" or "transfer"
-    text: str  # what was found, in words
-    cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
-    cure: str = ""  # what to do about them
-
-    @property
-    def fine(self) -> bool:
-        """Whether nothing is wrong."""
-        return not self.cases
-
-    def __str__(self) -> str:
-        lines = [f"{self.end}, {self.rule}: {'fine' if self.fine else 'WRONG'}: {self.text}"]
-        lines += [f"    {case.text}" for case in self.cases]
-        return "\n".join(lines + [f"    to mend it, {self.cure}"] * bool(self.cure))
-
-
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     """The outcome of every rule: all that is wrong with a scenario, and what is fine."""
     check_kind("scenario", scenario, Scenario)
-    rules = (partial(_apart, scenario), _matched, partial(_passive, scenario))
+    matched = partial(_matched, meant=scenario.ends == "any")
+    rules = (partial(_apart, scenario), matched, partial(_passive, scenario))
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
-    if scenario.ends == "any":
-        found = [_meant(one) for one in found]
     inside = [_inside(scenario)] if scenario.corridors else []
-    return [*found, *inside, *_waypoints(scenario), _reachable(scenario), _linear(scenario)]
+    return [*found, *inside, *_waypoints(scenario), reachable(scenario), _linear(scenario)]
 
 
 def _inside(scenario: Scenario) -> Diagnostic:
     """Whether craft are inside their corridors at both ends, where they have to be."""
-    cases = tuple(
+    cases = [
         Case(
             (craft,),
             f"{end}[{craft}] is {-margin:.6g} m outside corridors[{corridor}], "
@@ -86,22 +53,11 @@ def _inside(scenario: Scenario) -> Diagnostic:
             {"margin": margin},
         )
         for end, craft, corridor, margin in sorted(scenario.outside(), key=lambda one: one[3])
-    )
-    if not cases:
-        return Diagnostic(INSIDE, "transfer", "both ends are inside of their corridors")
-    text = f"ends outside of corridors that count then: {len(cases)}"
+    ]
+    wrong = "ends outside of corridors that count then"
     cure = "move them, widen the corridor or let it begin later or end earlier"
-    return Diagnostic(INSIDE, "transfer", text, cases, cure)
-
-
-def _meant(found: Diagnostic) -> Diagnostic:
-    """The outcome without faults where craft are meant to drift."""
-    if found.rule != MATCHED or found.fine:
-        return found
-    most = max(abs(case.numbers["drift_per_orbit"]) for case in found.cases)
-    return Diagnostic(
-        MATCHED, found.end, f"craft drift, as they may, by up to {most:.4g} m an orbit"
-    )
+    fine = "both ends are inside of their corridors"
+    return Diagnostic.of(INSIDE, "transfer", cases, wrong, cure, fine)
 
 
 def _ends(scenario: Scenario) -> Iterator[tuple[str, Formation, Problem]]:
@@ -129,8 +85,11 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
                 f"{case.text}; expected every pair further apart than {wanted}: {close.cure}."
             )
         for case in () if allow_drift else _matched(end, states, problem).cases:
+            within = f"{ENERGY_TOLERANCE:g} m/s"
+            if problem.orbit is not None:
+                within = f"{_most_drift(problem):.2g} m"
             raise InputError(
-                f"{case.text}; expected 0 within {_tolerance(problem)} (energy matching): "
+                f"{case.text}; expected 0 within {within} (energy matching): "
                 f"set vy to {case.numbers['vy_wanted']:.9g}, or {DRIFTING}."
             )
 
@@ -138,11 +97,6 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
 def drifts(scenario: Scenario) -> bool:
     """Whether a craft drifts at either end by more than energy matching allows."""
     return not all(_matched(*end).fine for end in _ends(scenario))
-
-
-def _tolerance(problem: Problem) -> str:
-    circle = problem.orbit is None
-    return f"{ENERGY_TOLERANCE:g} m/s" if circle else f"{_most_drift(problem):.2g} m"
 
 
 def _most_drift(problem: Problem) -> float:
@@ -179,22 +133,21 @@ def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) ->
     distance = np.linalg.norm(there[i, 0] - there[j, 0], axis=1)
     apart = swarms.apart(there, there, i, j)
     close = np.flatnonzero(apart <= problem.collision_radius)
-    cases = tuple(
+    cases = [
         Case(
             (int(i[k]), int(j[k])),
             f"{_at(scenario, end, int(i[k]), int(j[k]))} are {distance[k]:.6g} m apart",
             {"distance": float(distance[k])},
         )
         for k in close[distance[close].argsort(kind="stable")]
-    )
-    if cases:
-        text = f"pairs within {_within(scenario)}: {len(cases)}"
-        return Diagnostic(APART, end, text, cases, f"move one of them or {_smaller(scenario)}")
-    if len(distance) == 0:
-        return Diagnostic(APART, end, "one craft alone")
-    k = int(apart.argmin())
-    text = f"the closest, {scenario.named(int(i[k]), int(j[k]))}, are {distance[k]:.4g} m apart"
-    return Diagnostic(APART, end, text)
+    ]
+    wrong, cure = f"pairs within {_within(scenario)}", f"move one of them or {_smaller(scenario)}"
+    fine = "one craft alone"
+    if len(distance) > 0:
+        k = int(apart.argmin())
+        pair = scenario.named(int(i[k]), int(j[k]))
+        fine = f"the closest, {pair}, are {distance[k]:.4g} m apart"
+    return Diagnostic.of(APART, end, cases, wrong, cure, fine)
 
 
 def _at(scenario: Scenario, end: str, i: int, j: int) -> str:
@@ -203,56 +156,42 @@ def _at(scenario: Scenario, end: str, i: int, j: int) -> str:
     return f"{end}[{i}] and {other}"
 
 
-def _matched(end: str, states: Formation, problem: Problem) -> Diagnostic:
-    """Whether Eq. 3 holds, so that no craft drifts along-track.
+def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = False) -> Diagnostic:
+    """Whether craft do not drift along-track: by Eq. 3, or about an orbit by Kepler and J2.
 
-    A craft that drifts does so by -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch.
+    By Eq. 3 a craft drifts by -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch. Where
+    drift is meant it is no fault.
     """
-    if problem.orbit is not None:
-        return _bounded(end, states, problem)
-    e = problem.mean_motion
-    mismatch = energy_mismatch(states, e)
-    off = np.flatnonzero(np.abs(mismatch) > ENERGY_TOLERANCE)
-    drift, wanted = -6 * np.pi / e * mismatch, 0.0 - 2 * e * states[:, 0]
-    columns = {"mismatch": mismatch, "drift_per_orbit": drift, "vy_wanted": wanted}
-    cases = tuple(
+    e, columns = problem.mean_motion, {}
+    if problem.orbit is None:
+        mismatch = energy_mismatch(states, e)
+        drift, wanted = -6 * np.pi / e * mismatch, 0.0 - 2 * e * states[:, 0]
+        columns = {"mismatch": mismatch}
+        why = [f": vy + 2·mean_motion·x is {one:.3g} m/s, and 0" for one in mismatch]
+    else:
+        faster = states + FASTER * np.eye(6)[4]
+        drift, more = np.split(secular_drift(np.concatenate([states, faster]), problem), 2)
+        wanted = states[:, 4] - FASTER * drift / (more - drift)
+        why = [", and not"] * len(states)
+    columns |= {"drift_per_orbit": drift, "vy_wanted": wanted}
+    size, allowed = np.abs(drift), _most_drift(problem)
+    if meant and size.max() > allowed:
+        text = f"craft drift, as they may, by up to {size.max():.4g} m an orbit"
+        return Diagnostic(MATCHED, end, text)
+    cases = [
         Case(
             (int(k),),
-            f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit: vy + 2·mean_motion·x is "
-            f"{mismatch[k]:.3g} m/s, and 0 with a vy of {wanted[k]:.9g}",
+            f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit{why[k]} with a vy of "
+            f"{wanted[k]:.9g}",
             {name: float(column[k]) for name, column in columns.items()},
         )
-        for k in off[np.abs(mismatch[off]).argsort(kind="stable")[::-1]]
-    )
-    if cases:
-        text = f"craft that drift along-track: {len(cases)}"
-        cure = f"give them that vy, or {DRIFTING}"
-        return Diagnostic(MATCHED, end, text, cases, cure)
-    text = f"no craft drifts by more than {np.abs(drift).max():.3f} m an orbit"
-    return Diagnostic(MATCHED, end, text)
-
-
-def _bounded(end: str, states: Formation, problem: Problem) -> Diagnostic:
-    """Whether craft do not drift along-track about a reference orbit, by Kepler and J2."""
-    faster = states + FASTER * np.eye(6)[4]
-    drift, more = np.split(secular_drift(np.concatenate([states, faster]), problem), 2)
-    wanted = states[:, 4] - FASTER * drift / (more - drift)
-    cases = tuple(
-        Case(
-            (int(k),),
-            f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit, and not with a vy of "
-            f"{wanted[k]:.9g}",
-            {"drift_per_orbit": float(drift[k]), "vy_wanted": float(wanted[k])},
-        )
-        for k in np.abs(drift).argsort(kind="stable")[::-1]
-        if np.abs(drift[k]) > _most_drift(problem)
-    )
-    text = f"no craft drifts along-track by more than {np.abs(drift).max():.3f} m an orbit"
-    if not cases:
-        return Diagnostic(MATCHED, end, text)
-    text = f"craft that drift by more than {_most_drift(problem):.2g} m an orbit: {len(cases)}"
+        for k in size.argsort(kind="stable")[::-1]
+        if size[k] > allowed
+    ]
+    wrong = f"craft that drift along-track by more than {allowed:.2g} m an orbit"
     cure = f"give them that vy, or {DRIFTING}"
-    return Diagnostic(MATCHED, end, text, cases, cure)
+    fine = f"no craft drifts along-track by more than {size.max():.3f} m an orbit"
+    return Diagnostic.of(MATCHED, end, cases, wrong, cure, fine)
 
 
 def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
@@ -298,54 +237,6 @@ def _near(scenario: Scenario, distance: float) -> str:
     if scenario.sized:
         return f"{scenario.problem.collision_radius - distance:.4g} m too close"
     return f"within {distance:.4g} m"
-
-
-def _reachable(scenario: Scenario) -> Diagnostic:
-    """Whether every craft on its own can make its transfer within the thrust limit."""
-    if scenario.limits is not None:
-        return _reachable_within(scenario, scenario.limits)
-    limit = scenario.problem.max_acceleration
-    least = least_limits(scenario.initial, scenario.goal, scenario.problem)
-    most = int(least.argmax())
-    if limit is None and np.isfinite(least).all():
-        text = f"no max_acceleration; craft {most} needs the most, {least[most]:.4g} m/s²"
-        return Diagnostic(REACHABLE, "transfer", text)
-    limit = np.inf if limit is None else limit
-    short = np.flatnonzero((least > limit) | np.isinf(least))
-    worst = short[least[short].argsort(kind="stable")[::-1]].tolist()
-    cases = tuple(_out_of_reach(k, float(least[k]), limit) for k in worst)
-    if cases:
-        given = f"max_acceleration, {limit:g} m/s²," if np.isfinite(limit) else "any thrust"
-        text = f"craft that {given} is too little for: {len(cases)}"
-        cure = "give more time by time_step or nodes"
-        if np.isfinite(least[short]).any():
-            cure = f"raise max_acceleration, or {cure}"
-        return Diagnostic(REACHABLE, "transfer", text, cases, cure)
-    text = f"craft {most} needs the most thrust, {least[most] / limit:.0%} of max_acceleration"
-    return Diagnostic(REACHABLE, "transfer", text)
-
-
-def _reachable_within(scenario: Scenario, limits: Limits) -> Diagnostic:
-    """Whether each craft alone can reach its goal within all its thrust and Δv limits."""
-    needs = needs_of(scenario, limits)
-    found = list(shortfalls(scenario, limits, needs))
-    if not found:
-        return Diagnostic(REACHABLE, "transfer", most_strained(limits, needs))
-    cases = tuple(Case((one.craft,), one.text, one.numbers) for one in found)
-    text = f"craft that thrust or Δv is too little for: {len({one.craft for one in found})}"
-    cure = "; or ".join(dict.fromkeys(one.cure for one in found))
-    return Diagnostic(REACHABLE, "transfer", text, cases, cure)
-
-
-def _out_of_reach(k: int, least: float, limit: float) -> Case:
-    """The fault of a craft that needs a higher thrust limit, rounded up to four digits."""
-    if not np.isfinite(least):
-        return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
-    unit = 10.0 ** (floor(log10(least)) - 3)
-    enough = ceil(least / unit * (1 + MARGIN)) * unit
-    times = f"{least / limit:.4g} times max_acceleration"
-    text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
-    return Case((k,), text, {"least_limit": least * (1 + MARGIN)})
 
 
 def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:

@@ -19,8 +19,8 @@ from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.thrust_cost import cost, support, worth
 from pipeline.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
+from pipeline.scenario.reach import REACHABLE
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.validation import REACHABLE
 
 SWARM = draw("rings", 0, 5, 3, Problem())
 ONE = replace(SWARM, initial=SWARM.initial[:1], goal=SWARM.goal[:1])

@@ -1,0 +1,43 @@
+"""Outcomes of the rules that a scenario is checked by."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault."""
+
+    craft: tuple[int, ...]  # whose it is
+    text: str  # what is wrong, and by how much
+    numbers: Mapping[str, float] = field(default_factory=dict)  # what the text says, in SI units
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """Outcome of a rule at one end, or for the transfer."""
+
+    rule: str  # what was looked at
+    end: str  # "initial", "goal" or "transfer"
+    text: str  # what was found, in words
+    cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
+    cure: str = ""  # what to do about them
+
+    @classmethod
+    def of(
+        cls, rule: str, end: str, cases: Sequence[Case], wrong: str, cure: str, fine: str
+    ) -> "Diagnostic":
+        """What is wrong, the number of faults, and the cure; or, without any, that all is fine."""
+        if not cases:
+            return cls(rule, end, fine)
+        return cls(rule, end, f"{wrong}: {len(cases)}", tuple(cases), cure)
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.cases
+
+    def __str__(self) -> str:
+        lines = [f"{self.end}, {self.rule}: {'fine' if self.fine else 'WRONG'}: {self.text}"]
+        lines += [f"    {case.text}" for case in self.cases]
+        return "\n".join(lines + [f"    to mend it, {self.cure}"] * bool(self.cure))

@@ -1,0 +1,177 @@
+"""Whether thrust and Δv suffice for the transfer of each craft on its own."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, floor, log10
+
+import numpy as np
+
+from pipeline.orbit.arrays import OfCraft
+from pipeline.orbit.decoupled import least_cost, least_limits, least_limits_within
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
+from pipeline.scenario.arrivals import arrivals_of
+from pipeline.scenario.diagnostic import Case, Diagnostic
+from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.waypoint import of_craft
+
+REACHABLE = "within reach"  # the rule
+MARGIN = 1e-6  # share of a need that is left to rounding
+TIME = "give more time by time_step or nodes"
+
+Fault = tuple[Case, str]  # and its cure
+
+
+@dataclass(frozen=True)
+class Need:
+    """Of one kind of limit the least with which each craft can make its transfer."""
+
+    name: str
+    unit: str
+    least: OfCraft  # infinite where no limit is enough
+    most: OfCraft  # the limits; infinite where there is none
+
+
+def reachable(scenario: Scenario) -> Diagnostic:
+    """Whether each craft can reach its goal within its limits of thrust and Δv."""
+    limits = scenario.limits
+    if limits is None:
+        return _within_max_acceleration(scenario)
+    needs = _needs(scenario, limits)
+    found = list(_faults(scenario, limits, needs))
+    cases, cures = [case for case, _ in found], dict.fromkeys(cure for _, cure in found)
+    wrong, fine = "needs of thrust or Δv that are not met", "" if cases else _most_strained(needs)
+    return Diagnostic.of(REACHABLE, "transfer", cases, wrong, "; or ".join(cures), fine)
+
+
+def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
+    """The same where max_acceleration is the only limit, or there is none."""
+    limit = scenario.problem.max_acceleration
+    least = least_limits(scenario.initial, scenario.goal, scenario.problem)
+    most = int(least.argmax())
+    fine = f"no max_acceleration; craft {most} needs the most, {least[most]:.4g} m/s²"
+    wrong = "craft that any thrust is too little for"
+    if limit is not None:
+        share = least[most] / limit
+        fine = f"craft {most} needs the most thrust, {share:.0%} of max_acceleration"
+        wrong = f"craft that max_acceleration, {limit:g} m/s², is too little for"
+    limit = np.inf if limit is None else limit
+    short = np.flatnonzero((least > limit) | np.isinf(least))
+    cure = f"raise max_acceleration, or {TIME}" if np.isfinite(least[short]).any() else TIME
+    worst = short[least[short].argsort(kind="stable")[::-1]].tolist()
+    cases = [_out_of_reach(k, float(least[k]), limit) for k in worst]
+    return Diagnostic.of(REACHABLE, "transfer", cases, wrong, cure, fine)
+
+
+def _out_of_reach(k: int, least: float, limit: float) -> Case:
+    """The fault of a craft that needs a higher thrust limit, rounded up to four digits."""
+    if not np.isfinite(least):
+        return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
+    unit = 10.0 ** (floor(log10(least)) - 3)
+    enough = ceil(least / unit * (1 + MARGIN)) * unit
+    times = f"{least / limit:.4g} times max_acceleration"
+    text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
+    return Case((k,), text, {"least_limit": least * (1 + MARGIN)})
+
+
+def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
+    """Least limits and least Δv of each craft on its own: without others, and impulse bits.
+
+    By its waypoints that have times; others are left out.
+    """
+    problem, timed = scenario.problem, [one for one in scenario.waypoints if one.time is not None]
+    passed = {
+        craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
+        for craft, some in of_craft(timed).items()
+    }
+    at = arrivals_of(scenario.initial, scenario.goal, problem, passed)
+    reach, open_ = at.reach * at.asked[..., None], np.asarray(limits.burns.any(axis=2))
+    limit = least_limits_within(at.miss, reach, open_, problem)
+    norm = limit
+    if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
+        norm = least_limits_within(at.miss, reach, open_, replace(problem, thrust=ALONG_AXES))
+    delta_v = np.zeros(scenario.n)
+    for k in np.flatnonzero(np.isfinite(limits.delta_v) & np.isfinite(limit)):
+        most = float(limits.component[k])
+        least = least_cost(at.miss[k], reach[k], open_[k], most, problem)
+        delta_v[k] = least * problem.time_step
+    return [
+        Need("max_acceleration", "m/s²", limit, limits.component),
+        Need("max_acceleration_norm", "m/s²", norm, limits.norm),
+        Need("delta_v", "m/s", delta_v, limits.delta_v),
+    ]
+
+
+def _faults(scenario: Scenario, limits: Limits, needs: Sequence[Need]) -> Iterator[Fault]:
+    """Limits that are too low: of each craft the first, and a smallest burn beyond them."""
+    for k in range(scenario.n):
+        limit = needs[0].least[k]
+        if np.isinf(limit):
+            yield _no_way(k, limits, scenario)
+            continue
+        if limit > 0 and (found := _no_burn_large_enough(k, limits, scenario.problem)):
+            yield found
+        for need in needs:
+            least, most, unit = float(need.least[k]), need.most[k], need.unit
+            if least > most * (1 + MARGIN):
+                text = (
+                    f"craft {k} needs at least {_down(least)} {unit} and has {most:g} {unit}, its "
+                    f"{need.name}"
+                )
+                case = Case((k,), text, {f"least_{need.name}": least})
+                yield case, f"raise {need.name}, or {TIME}"
+                break
+
+
+def _no_way(k: int, limits: Limits, scenario: Scenario) -> Fault:
+    """The fault of a craft that reaches its goal with no thrust, however large."""
+    may, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
+    way = " by its waypoints" if k in of_craft(scenario.waypoints) else ""
+    if may == problem.intervals:
+        text = f"craft {k} reaches its goal{way} with no thrust, however large"
+        return Case((k,), text), TIME
+    text = (
+        f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its "
+        f"goal{way} with any thrust"
+    )
+    case = Case((k,), text, {"may_burn": float(may)})
+    return case, f"leave more time to burn by no_burn, or {TIME}"
+
+
+def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Fault | None:
+    """The fault of a craft that can make no burn as large as the smallest impulse bit."""
+    thrust, most = problem.thrust, [limits.component[k], limits.norm[k]]
+    if thrust.min_delta_v is None:
+        return None
+    if thrust.model == NORM:
+        most[0] *= np.sqrt(3)  # along all three axes
+    burn = problem.time_step * float(min(most))
+    burn = min(burn, float(limits.delta_v[k]))
+    if burn >= thrust.min_delta_v * (1 - MARGIN):
+        return None
+    text = (
+        f"craft {k} must burn, and can make no burn of more than {burn:.4g} m/s, less than "
+        f"min_delta_v, {thrust.min_delta_v:g} m/s"
+    )
+    case = Case((k,), text, {"most_delta_v": burn})
+    return case, "lower min_delta_v, or raise the limits of thrust"
+
+
+def _most_strained(needs: Sequence[Need]) -> str:
+    """For each kind of limit, the craft that needs the largest share of it, in words."""
+    said = []
+    for need in needs:
+        share = np.where(np.isfinite(need.most), need.least / need.most, 0.0)
+        if np.isfinite(need.most).any():
+            k = int(share.argmax())
+            said.append(f"craft {k} needs at least {share[k]:.0%} of its {need.name}")
+    limit = needs[0].least
+    k = int(limit.argmax())
+    none = f"no limit of thrust; craft {k} needs the most, {limit[k]:.4g} m/s²"
+    return "; ".join(said) or none
+
+
+def _down(value: float) -> str:
+    """The value rounded down to four digits."""
+    unit = 10.0 ** (floor(log10(value)) - 3)
+    return f"{floor(value / unit * (1 - MARGIN)) * unit:.4g}"
