@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import Field, model_validator
 
 from pipeline.documents import DIALECT, document_from, read_document, write_document
 from pipeline.errors import check_kind, told_where
@@ -12,7 +12,7 @@ from pipeline.files import path_of, stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.thrust import Objective, Thrust
-from pipeline.scenario.fields import NoBurn, Positive, Triple, Whole, given_fields, one_of, strict
+from pipeline.scenario.fields import NoBurn, Positive, Strict, Triple, Whole, given_fields, one_of
 from pipeline.scenario.orbit_document import ANGLES, OrbitDocument, ReferenceDocument
 from pipeline.scenario.part_documents import (
     CorridorDocument,
@@ -30,14 +30,14 @@ SCHEMA = "prolearn.scenario/1"
 WHAT = f"a scenario file (schema {SCHEMA})"
 
 
-class ScenarioDocument(BaseModel):
+class ScenarioDocument(
+    Strict, json_schema_extra=one_of(mean_motion="number", altitude="number", orbit="object")
+):
     """What a swarm is asked to do: where each craft starts, and where it must be at the end.
 
     SI units but for angles, whose names end in _deg. LVLH frame: x radial outward, y along-track,
     z cross-track.
     """
-
-    model_config = strict(one_of(mean_motion="number", altitude="number", orbit="object"))
 
     schema_name: Literal["prolearn.scenario/1"] = Field(
         alias="schema", description="Name and version of this format."
@@ -128,10 +128,8 @@ class ScenarioDocument(BaseModel):
     def scenario(self, name: str) -> Scenario:
         """The scenario that the fields describe."""
         orbit = None if self.orbit is None else self.orbit.orbit()
-        if orbit is not None:
-            mean_motion = orbit.mean_motion
-        else:
-            mean_motion = self.mean_motion or mean_motion_at(self.altitude or 0.0)
+        given = orbit.mean_motion if orbit else self.mean_motion
+        mean_motion = given or mean_motion_at(self.altitude or 0.0)
         grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
         pointed = self.max_acceleration_norm, self.min_delta_v
         thrust = Thrust(self.thrust, *pointed, self.no_burn, self.objective)

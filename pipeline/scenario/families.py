@@ -3,10 +3,7 @@
 The split seeds the draw, so that a test scenario of one dataset is a training scenario of none,
 whatever their seeds, sizes and shares. Both formations of every scenario are passively safe: in
 free drift over a whole orbit no pair comes within the collision radius. Draws that are not are
-drawn again from the same stream.
-
-Scenarios are drawn side by side: formations of all of them are checked by one call on arrays, and
-those that are not safe are drawn again.
+drawn again from the same stream. Formations of all scenarios are checked by one call on arrays.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.errors import InputError, check_kind, is_whole
+from pipeline.errors import InputError, check_choice, check_kind, check_whole
 from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
@@ -45,8 +42,7 @@ Formations = Float[Array, "_ _ 6"]
 
 def check_family(family: str) -> None:
     """Refuse an unknown family with an InputError."""
-    if family not in FAMILIES:
-        raise InputError(f"family is {family!r}; expected one of {', '.join(FAMILIES)}.")
+    check_choice("family", family, FAMILIES)
 
 
 def draw(
@@ -54,8 +50,7 @@ def draw(
 ) -> Scenario:
     """Draw scenario ``index`` of a split of a family, for n craft, from the arguments alone.
 
-    Raises:
-        InputError: as ``draw_many``.
+    InputErrors are those of ``draw_many``.
     """
     return draw_many(family, seed, n, [(split, index)], problem)[0]
 
@@ -65,23 +60,18 @@ def draw_many(
 ) -> list[Scenario]:
     """Draw scenarios by split and index, each as ``draw`` does, in a fraction of the time.
 
-    Raises:
-        InputError: for an unknown family or split, n, seed or index out of range, or where no
-            passively safe formation of n craft was found.
+    InputError for an unknown family or split, n, seed or index out of range, or where no passively
+    safe formation of n craft was found.
     """
     check_family(family)
     check_kind("problem", problem, Problem)
-    seed, n, which = _integer(seed), _integer(n), [(split, _integer(k)) for split, k in which]
-    if not 1 <= n <= MOST_CRAFT:
-        raise InputError(f"n is {n}; expected 1 to {MOST_CRAFT} spacecraft.")
+    check_whole("n", n, 1, MOST_CRAFT)
+    check_whole("seed", seed, 0, SEEDS - 1)
     for split, index in which:
-        if split not in SPLITS:
-            raise InputError(f"split is {split!r}; expected one of {', '.join(SPLITS)}.")
-        if not (0 <= seed < SEEDS and 0 <= index < SEEDS):
-            raise InputError(
-                f"seed is {seed} and index {index}; expected neither to be negative or above "
-                f"{SEEDS - 1}."
-            )
+        check_choice("split", split, SPLITS)
+        check_whole("index", index, 0, SEEDS - 1)
+    # As Python's integers, since numpy's overflow
+    seed, n, which = int(seed), int(n), [(split, int(index)) for split, index in which]
     found, portion = [], max(1, MOST_PAIRS // (BESIDE * n**2))
     for first in range(0, len(which), portion):
         some = which[first : first + portion]
@@ -92,13 +82,6 @@ def draw_many(
             name = scenario_id(family, seed, n, k, split)
             found.append(Scenario(problem, initial, goal, family, name))
     return found
-
-
-def _integer(given: int) -> int:
-    """Python integer of a Python or numpy integer, as numpy's overflow; InputError for others."""
-    if not is_whole(given):
-        raise InputError(f"seed, n or index is {given!r}; expected whole numbers.")
-    return int(given)
 
 
 def scenario_id(family: str, seed: int, n: int, index: int, split: str) -> str:
@@ -146,7 +129,6 @@ class _Draw:
 
 Draws = Sequence[_Draw]
 Make = Callable[[_Draw], Elements]
-Scale = Callable[[Formations, Problem], Formations]
 Safe = Callable[[Formations, Problem], Bool[Array, "b"]]
 Problems = tuple[Problem, Problem]  # with the reference where it is at the first and the last node
 
@@ -202,15 +184,14 @@ def _both_ends(
     problems: Problems,
     initial: Make,
     goal: Make,
-    scaled: Scale | None = None,
+    states: Callable[[Sequence[Elements], Problem], Formations] = _states,
     safe: Safe = _safe,
 ) -> list[Ends]:
     """Two formations of each draw, the goal's slots in random order."""
 
     def formations(elements: Make, problem: Problem) -> Formations:
         def make(left: list[int]) -> Formations:
-            states = _states([elements(draws[k]) for k in left], problem)
-            return states if scaled is None else scaled(states, problem)
+            return states([elements(draws[k]) for k in left], problem)
 
         return _redrawn(len(draws), make, lambda states: safe(states, problem))
 
@@ -227,7 +208,8 @@ def _dense(draws: Draws, problems: Problems) -> list[Ends]:
     """Rings as small as passive safety lets them be, goal slots in random order."""
     n, radius = draws[0].n, problems[0].collision_radius
 
-    def scaled(states: Formations, problem: Problem) -> Formations:
+    def scaled(elements: Sequence[Elements], problem: Problem) -> Formations:
+        states = _states(elements, problem)
         if n == 1:  # of the size of the collision radius
             return states * radius / np.abs(states[..., :3]).max(axis=(1, 2), keepdims=True)
         # Free drift is linear, so separation grows and shrinks with the formation.

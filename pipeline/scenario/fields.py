@@ -4,10 +4,16 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 from pydantic_core import to_jsonable_python
 
 from pipeline.orbit.reference import is_epoch
+
+
+class Strict(BaseModel):
+    """A part of a document; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def one_of(**fields: str) -> dict[str, Any]:
@@ -16,11 +22,6 @@ def one_of(**fields: str) -> dict[str, Any]:
         {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
     ]
     return {"oneOf": forms}
-
-
-def strict(more: dict[str, Any] | None = None) -> ConfigDict:
-    """Pydantic's settings: unknown keys are refused; ``more`` is added to the JSON Schema."""
-    return ConfigDict(extra="forbid", frozen=True, json_schema_extra=more)
 
 
 def number(given: Any) -> Any:

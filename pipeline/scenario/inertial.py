@@ -84,20 +84,16 @@ def read_inertial(path: Path) -> Inertial:
     Craft of a folder are in the order of the files' names, numbers in these by their value.
     InputErrors name the file and what is wrong with it.
     """
-    if not path.is_dir():
-        text = _text(path)
-        if text.lstrip().startswith(FIRST_LINE):
-            return _of([ephemeris_from(text, str(path))], path)
+    files = [path]
+    if path.is_dir():
+        files = sorted(path.glob("*.oem"), key=_by_number)
+    elif not (text := _text(path)).lstrip().startswith(FIRST_LINE):
         return Inertial(str(path), TABLE_FRAME, _table(text, str(path)))
-    files = sorted(path.glob("*.oem"), key=_by_number)
     if not 1 <= len(files) <= MOST_CRAFT:
         raise InputError(
             f"{path} has {len(files)} files whose names end in .oem; expected 1 to {MOST_CRAFT}."
         )
-    return _of([ephemeris_from(_text(file), str(file)) for file in files], path)
-
-
-def _of(found: Sequence[Ephemeris], path: Path) -> Inertial:
+    found = [ephemeris_from(_text(file), str(file)) for file in files]
     check_frames(found)
     return Inertial(str(path), found[0].frame, tuple(found))
 
@@ -133,8 +129,7 @@ def _table(text: str, name: str) -> Formation:
     if columns is None:
         shown = visible(",".join(map(str, rows[0])))[:200]
         raise InputError(f"{name} has the columns {shown}; expected {COLUMNS}.")
-    made = [_state(row, columns, f"{name}: row {k + 1}") for k, row in enumerate(rows)]
-    return np.array(made)
+    return np.stack([_state(row, columns, f"{name}: row {k + 1}") for k, row in enumerate(rows)])
 
 
 def _csv_rows(text: str, name: str) -> list[dict[str, Any]]:
@@ -167,7 +162,7 @@ def _json_rows(text: str, name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Sequence[float]:
+def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Float[Array, "6"]:
     """The state of a row, m and m/s."""
     if {*row} - {LABEL} != {*columns}:
         raise InputError(f"{where} has {len(row)} values; expected {','.join(columns)}.")
@@ -181,9 +176,8 @@ def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Sequen
     if columns == ELEMENTS:
         with told_where(where):
             orbit = ReferenceOrbit(*numbers.tolist())
-        numbers = orbit.states(np.zeros(1))[0]
-    found: list[float] = (numbers * (1e3 if columns == KILOMETRES else 1.0)).tolist()
-    return found
+        return np.asarray(orbit.states(np.zeros(1))[0])
+    return 1e3 * numbers if columns == KILOMETRES else numbers
 
 
 def scenario_from_inertial(
@@ -213,7 +207,10 @@ def scenario_from_inertial(
     starts = [one.start for one in (initial, chief) if one is not None and one.start is not None]
     epoch = epoch or max(starts, default=None)
     first, last = initial.states(epoch, 0.0), goal.states(epoch, problem.duration)
-    middle = first.mean(axis=0) if chief is None else _only(chief.states(epoch, 0.0), chief.name)
+    chiefs = first if chief is None else chief.states(epoch, 0.0)
+    if chief is not None and len(chiefs) != 1:
+        raise InputError(f"{chief.name} has {len(chiefs)} craft; expected one, the chief.")
+    middle = chiefs.mean(axis=0)
     orbit = ReferenceOrbit.through(middle, j2=j2, ballistic=ballistic, spread=spread)
     problem = problem.about(orbit)
     start, end = _relative(first, orbit, 0.0), _relative(last, orbit, problem.duration)
@@ -223,13 +220,6 @@ def scenario_from_inertial(
     scenario = replace(scenario, ends="any" if drifts(scenario) else "passive")
     _check_inverse(scenario, first, last)
     return scenario
-
-
-def _only(states: Formation, name: str) -> Float[Array, "6"]:
-    """The state of the chief, the only craft of its file."""
-    if len(states) != 1:
-        raise InputError(f"{name} has {len(states)} craft; expected one, the chief.")
-    return np.asarray(states[0])
 
 
 def _relative(states: Formation, orbit: ReferenceOrbit, time: float) -> Formation:

@@ -48,10 +48,6 @@ class Segment:
     method: str | None  # of METHODS, or None where the file states none
     degree: int
 
-    def has(self, time: float) -> bool:
-        """Whether a time is in the window."""
-        return self.window[0] - SAME <= time <= self.window[1] + SAME
-
     def state(self, time: float) -> Float[Array, "6"] | None:
         """The state at a time, s since the base, or None where the states do not give it."""
         near = int(np.abs(self.times - time).argmin())
@@ -65,8 +61,7 @@ class Segment:
             return None
         first = int(np.searchsorted(self.times, time)) - points // 2
         first = min(max(first, 0), len(self.times) - points)
-        chosen = slice(first, first + points)
-        return self._interpolated(chosen, time)
+        return self._interpolated(slice(first, first + points), time)
 
     def _interpolated(self, chosen: slice, time: float) -> Float[Array, "6"]:
         """Interpolation by the polynomial through some of the states, in scaled time."""
@@ -96,11 +91,10 @@ class Ephemeris:
         """The state so many seconds after an epoch, m and m/s; InputError where there is none."""
         asked = f"{(epoch + timedelta(seconds=seconds)):%Y-%m-%dT%H:%M:%S.%fZ}"
         for segment in self.segments:
-            time = (epoch - segment.base).total_seconds() + seconds
-            if not segment.has(time):
+            time, (begin, end) = (epoch - segment.base).total_seconds() + seconds, segment.window
+            if not begin - SAME <= time <= end + SAME:
                 continue
-            state = segment.state(time)
-            if state is None:
+            if (state := segment.state(time)) is None:
                 raise InputError(
                     f"{self.name} has no state at {asked} and no INTERPOLATION with states enough "
                     "for its degree; expected either."

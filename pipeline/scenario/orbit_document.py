@@ -3,23 +3,21 @@
 from datetime import datetime
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from pipeline.errors import InputError, told_where
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
-from pipeline.scenario.fields import Number, Positive, strict, utc
+from pipeline.scenario.fields import Number, Positive, Strict, utc
 
 # Of both a reference and an orbit
 ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 
 
-class ReferenceDocument(BaseModel):
+class ReferenceDocument(Strict):
     """Where and when the reference orbit is; its size follows from mean_motion or altitude.
 
     The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
     """
-
-    model_config = strict()
 
     epoch: Annotated[datetime, BeforeValidator(utc)] = Field(
         description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
@@ -31,14 +29,12 @@ class ReferenceDocument(BaseModel):
     )
 
 
-class OrbitDocument(BaseModel):
+class OrbitDocument(Strict):
     """The reference orbit, and the forces on all craft, where they are not a circle's alone.
 
     Osculating elements at the first node. Angles refer to the Earth's mean equator and equinox of
     J2000 (EME2000).
     """
-
-    model_config = strict()
 
     semi_major_axis: Positive = Field(description="Semi-major axis, m.")
     eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Osculating.")

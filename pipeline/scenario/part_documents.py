@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from pipeline.orbit.arrays import Formation, OfCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
@@ -16,30 +16,29 @@ from pipeline.scenario.fields import (
     Positive,
     State,
     States,
+    Strict,
     Triple,
     Whole,
     given_fields,
     number,
     one_of,
-    strict,
 )
 from pipeline.scenario.scenario import MOST_CRAFT
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import LATEST, Waypoint
 
 
-class RingDocument(BaseModel):
+class RingDocument(
+    Strict,
+    json_schema_extra=one_of(craft="integer", phases_deg="array")
+    | {"dependentRequired": {"first_phase_deg": ["craft"]}},
+):
     """Craft on one passive relative orbit, a 2:1 ellipse that closes by itself.
 
     x = (size/2) cos θ, y = offset - size sin θ, z = (size/2) tan(tilt) cos(θ + cross phase), with
     the phase θ growing at the mean motion. About an orbit that is no circle, or has J2: the bounded
     motion with the same mean relative orbital elements.
     """
-
-    model_config = strict(
-        one_of(craft="integer", phases_deg="array")
-        | {"dependentRequired": {"first_phase_deg": ["craft"]}}
-    )
 
     craft: Annotated[int, Field(ge=1, le=MOST_CRAFT), BeforeValidator(number)] | None = Field(
         None, description="Number of craft, equally spaced in phase."
@@ -89,10 +88,8 @@ class RingDocument(BaseModel):
         return ring_states(problem, self.size, tilt, self.phase, cross, self.offset)
 
 
-class RingsDocument(BaseModel):
+class RingsDocument(Strict):
     """Craft on one ring or several, numbered ring after ring."""
-
-    model_config = strict()
 
     rings: list[RingDocument] = Field(min_length=1, description="Rings, whose craft follow on.")
 
@@ -138,10 +135,8 @@ def end_states(end: list[list[float]] | RingsDocument, problem: Problem) -> Form
     return np.array(end, dtype=float)
 
 
-class SpacecraftDocument(BaseModel):
+class SpacecraftDocument(Strict):
     """One craft, as far as it is not like the others."""
-
-    model_config = strict()
 
     name: str = Field("", description="In files for simulators.")
     mass: Positive | None = Field(None, description="With propellant, at the first node, kg.")
@@ -164,17 +159,16 @@ class SpacecraftDocument(BaseModel):
         return Spacecraft(**self.model_dump())
 
 
-class ObstacleDocument(BaseModel):
+class ObstacleDocument(
+    Strict,
+    json_schema_extra={
+        "allOf": [
+            one_of(state="array", position="array"),
+            one_of(radius="number", semi_axes="array"),
+        ]
+    },
+):
     """What craft keep clear of and no plan moves: a chief, a target, debris, a dead craft."""
-
-    model_config = strict(
-        {
-            "allOf": [
-                one_of(state="array", position="array"),
-                one_of(radius="number", semi_axes="array"),
-            ]
-        }
-    )
 
     name: str = Field(min_length=1, description="What messages and certificates call it.")
     state: State | None = Field(
@@ -211,29 +205,23 @@ class ObstacleDocument(BaseModel):
         return Obstacle(self.name, tuple(state), *sizes, hold=self.position is not None)
 
 
-class BoxDocument(BaseModel):
+class BoxDocument(Strict):
     """A box along the LVLH axes."""
-
-    model_config = strict()
 
     min: Triple = Field(description="Least coordinates, LVLH, m.")
     max: Triple = Field(description="Largest coordinates, LVLH, m.")
 
 
-class ConeDocument(BaseModel):
+class ConeDocument(Strict):
     """An approach cone."""
-
-    model_config = strict()
 
     apex: Triple = Field(description="LVLH, m.")
     axis: Triple = Field(description="Direction in which it opens, LVLH, of any length.")
     half_angle_deg: Positive = Field(le=STEEPEST, description="Between axis and edge, deg.")
 
 
-class CorridorDocument(BaseModel):
+class CorridorDocument(Strict, json_schema_extra=one_of(box="object", cone="object")):
     """A corridor: a box or an approach cone that craft must stay inside of for some time."""
-
-    model_config = strict(one_of(box="object", cone="object"))
 
     craft: tuple[Whole, ...] | None = Field(
         None, description="Their numbers; null for all.", json_schema_extra={"minItems": 1}
@@ -267,31 +255,30 @@ class CorridorDocument(BaseModel):
         return Corridor(kind(**given.model_dump()), self.begin, self.end, self.craft or ())
 
 
-class WaypointDocument(BaseModel):
+class WaypointDocument(
+    Strict,
+    json_schema_extra={
+        "oneOf": [
+            {
+                "required": ["craft", "position"],
+                "properties": {
+                    "craft": {"type": "integer"},
+                    "position": {"type": "array"},
+                    "formation": {"type": "null"},
+                },
+            },
+            {
+                "required": ["formation", "time"],
+                "properties": {
+                    "formation": {"type": ["array", "object"]},
+                    "time": {"type": "number"},
+                    **dict.fromkeys(("craft", "position", "velocity"), False),
+                },
+            },
+        ]
+    },
+):
     """A place that a craft must pass on its way, at a node, or a formation that all must be in."""
-
-    model_config = strict(
-        {
-            "oneOf": [
-                {
-                    "required": ["craft", "position"],
-                    "properties": {
-                        "craft": {"type": "integer"},
-                        "position": {"type": "array"},
-                        "formation": {"type": "null"},
-                    },
-                },
-                {
-                    "required": ["formation", "time"],
-                    "properties": {
-                        "formation": {"type": ["array", "object"]},
-                        "time": {"type": "number"},
-                        **dict.fromkeys(("craft", "position", "velocity"), False),
-                    },
-                },
-            ]
-        }
-    )
 
     craft: Annotated[int, Field(ge=0), BeforeValidator(number)] | None = Field(
         None, description="Number of the craft."

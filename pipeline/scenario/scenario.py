@@ -86,9 +86,7 @@ class Scenario:
                 f"initial has {len(self.initial)} states and goal has {len(self.goal)}; expected "
                 "one of each for every spacecraft."
             )
-
-        if self.reference is not None and not isinstance(self.reference, Reference):
-            raise InputError(f"reference is {self.reference!r}; expected a Reference or None.")
+        check_kind("reference", self.reference, Reference | None)
         check_craft(self.craft, self.n, self.problem.thrust)
         check_waypoints(self.waypoints, self.n, self.problem)
         check_obstacles(self.obstacles, self.problem)

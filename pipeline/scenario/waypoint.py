@@ -87,10 +87,7 @@ def check_waypoints(waypoints: Sequence[Waypoint], n: int, problem: Problem) -> 
 def closest_pair(
     waypoints: Sequence[Waypoint], problem: Problem, radii: Values
 ) -> tuple[float, int, int, float] | None:
-    """Distance, craft and time of the two that must be closest at one node, or None: m and s.
-
-    Closest by the radii of craft, m.
-    """
+    """Distance (m), craft and time (s) of the two that must be closest, by radii, at one node."""
     timed = [one for one in waypoints if one.time is not None]
     apart = [
         (float(np.linalg.norm(np.subtract(a.position, b.position))), a.craft, b.craft, a.time or 0)
@@ -101,10 +98,7 @@ def closest_pair(
 
 
 def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
-    """Candidate nodes of one craft's waypoints, one after the other.
-
-    All of them, or some more than MOST_CHOICES where there are more than that.
-    """
+    """Candidate nodes of one craft's waypoints; of many, some more than MOST_CHOICES."""
     latest: list[int] = []
     last = problem.intervals
     for one in reversed(waypoints):  # the node of each that leaves room for those after it

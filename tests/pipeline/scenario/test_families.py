@@ -139,9 +139,9 @@ def test_scenarios_drawn_side_by_side_are_those_drawn_alone(family, n):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"family": "spiral"}, "rings, coplanar-split"),
-        ({"n": 0}, "expected 1 to 10000 spacecraft"),
-        ({"seed": -1}, "negative"),
+        ({"family": "spiral"}, "rings or coplanar-split"),
+        ({"n": 0}, "n is 0; expected a number from 1 to 10000"),
+        ({"seed": -1}, "seed is -1; expected a number from 0 to 4294967295"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_in_a_sentence(change, words):
