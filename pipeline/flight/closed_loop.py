@@ -18,7 +18,7 @@ that can be made up for.
 A craft that has lost its thrust is an obstacle to the others, which drifts on from its estimate.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -28,7 +28,7 @@ from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
 from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter
-from pipeline.flight.last_interval import LastInterval
+from pipeline.flight.last_interval import LastInterval, flown_interval
 from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Indices, Values
 from pipeline.orbit.feedback import last_control
@@ -53,6 +53,7 @@ LESS = (0.02, 0.1, 0.3)  # of r_col, by which less is asked for where no safe pl
 
 SomeControls = Float[Array, "K n left 3"]
 EachTrial = Float[Array, "K"]
+EachState = Float[Array, "K n 6"]
 
 
 class ClosedLoop:
@@ -77,11 +78,9 @@ class ClosedLoop:
     ) -> None:
         """Begin with a plan's controls, m/s²; keep a back-off too where that is not too dear.
 
-        By the sizes of errors, where these are known, estimates are filtered.
-
-        A loss of thrust is known at the next node, or as late as states are. After it no back-off
-        is kept, which the expert does not know from obstacles, and no passive safety, which is for
-        one loss.
+        Estimates are filtered by the sizes of errors, if given. A loss of thrust is known at the
+        next node, or as late as states are. After it no back-off is kept, which the expert does not
+        know from obstacles, and no passive safety, which is for one loss.
         """
         self._scenario, self._planner, self._back_off = scenario, planner, back_off
         self._loss, self._lost = loss, np.full(trials, -1)  # the craft of which it is known
@@ -98,7 +97,7 @@ class ClosedLoop:
         self.unsafe = np.zeros(trials, dtype=int)
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
-    def __call__(self, node: int, estimate: Float[Array, "K n 6"]) -> Float[Array, "K n 3"]:
+    def __call__(self, node: int, estimate: EachState) -> Float[Array, "K n 3"]:
         """Controls, m/s², for the interval after a node, from the states estimated there."""
         problem = self._scenario.problem
         left = problem.intervals - node
@@ -112,66 +111,54 @@ class ClosedLoop:
                 self._end(estimate)
             else:
                 rest = replace(problem.starting_at(node), nodes=left + 1)
-                self._replan(node, estimate, rest)
+                self._replan(estimate, rest)
         self._commanded = self._ahead[:, :, 0]
         return self._commanded
 
-    def _replan(self, node: int, estimate: Float[Array, "K n 6"], problem: Problem) -> None:
+    def _replan(self, estimate: EachState, problem: Problem) -> None:
+        """Choose what is flown of an interval and all after it, which the problem has."""
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         apart = node_distances(estimate[:, :, None]).min(axis=(1, 2), initial=np.inf)
-        required, asked = self._planner.requirements, [*_asked(problem, apart)]
+        required, asked = self._planner.requirements, _asked(problem, apart)
         choice = Choice(problem, estimate, corrected, required, self._lost, self._allowance)
         self._ahead = choice.controls
         if problem.intervals > DETERMINED:
-            self.seconds[:, node] = 0.0
+            self.seconds[:, -problem.intervals] = 0.0
             relaxed = required.passive_safety is not None
-            self._ask(choice, node, estimate, self._planner, asked[:1] if relaxed else asked)
+            self._ask(choice, self._planner, asked[:1] if relaxed else asked)
             if relaxed and choice.open.any():  # rather in flight than after a loss of thrust
                 least = self._after.requirements
                 flown = Choice(problem, estimate, choice.controls, least, self._lost)
                 flown.open &= choice.open
-                self._ask(flown, node, estimate, self._after, asked)
+                self._ask(flown, self._after, asked)
                 self._ahead = np.where(
                     choice.open[:, None, None, None], flown.controls, choice.controls
                 )
         self.unsafe += ~choice.safe(problem.collision_radius)
 
-    def _ask(
-        self,
-        choice: "Choice",
-        node: int,
-        estimate: Float[Array, "K n 6"],
-        planner: Planner,
-        separations: Sequence[EachTrial],
-    ) -> None:
+    def _ask(self, choice: "Choice", planner: Planner, separations: Sequence[EachTrial]) -> None:
         """Ask a planner, for less separation each time where it finds nothing safe."""
-        problem = choice.problem
         for asked in separations:
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
-                wider = replace(problem, collision_radius=radius)
+                wider = replace(choice.problem, collision_radius=radius)
                 asks = replace(self._scenario, problem=wider)
                 here = choice.open & (asked == radius)
                 for some in (here & (self._lost < 0), here & (self._lost >= 0)):  # of one n each
                     which = np.flatnonzero(some)
-                    starts = [replace(asks, initial=estimate[k]) for k in which]
+                    starts = [replace(asks, initial=choice.estimate[k]) for k in which]
                     if some.any():
                         starts = list(map(without, starts, self._lost[which].tolist()))
-                        self._offer(choice, node, which, starts, planner)
+                        self._offer(choice, which, starts, planner)
 
     def _offer(
-        self,
-        choice: "Choice",
-        node: int,
-        which: Indices,
-        starts: Sequence[Scenario],
-        planner: Planner,
+        self, choice: "Choice", which: Indices, starts: Sequence[Scenario], planner: Planner
     ) -> None:
         """Plan some trials anew and offer the plans; with a back-off where no craft is lost."""
         radius = starts[0].problem.collision_radius
         intact = self._lost[which[0]] < 0
         plans = (planner if intact else self._after).plan(starts)
-        self._spent(node, which, plans)
+        self._spent(which, plans)
         whole = radius == self._scenario.problem.collision_radius
         if self._back_off is not None and intact and whole:
             safe = np.array([plan.status == SOLVED for plan in plans])
@@ -180,19 +167,19 @@ class ClosedLoop:
                 safe &= choice.open[which]
                 seeds = list(compress(plans, safe))
                 further = with_back_off(seeds, self._back_off, required)
-                self._spent(node, which[safe], further)
+                self._spent(which[safe], further)
                 asked = Margin(self._back_off, required, required == least)
                 choice.offer(which[safe], further, radius, asked)
         left = choice.open[which]
         choice.offer(which[left], list(compress(plans, left)), radius)
 
-    def _spent(self, node: int, which: Indices, plans: Sequence[Plan]) -> None:
-        """Count the time that plans took."""
+    def _spent(self, which: Indices, plans: Sequence[Plan]) -> None:
+        """Count the time that plans took, at the node at which they begin."""
         for k, plan in zip(which, plans, strict=True):
-            stages = ("plan", "certificate")
-            self.seconds[k, node] += sum(plan.timing.get(stage, 0.0) for stage in stages)
+            timing, left = plan.timing, plan.controls.shape[1]
+            self.seconds[k, -left] += timing.get("plan", 0.0) + timing.get("certificate", 0.0)
 
-    def _end(self, estimate: Float[Array, "K n 6"]) -> None:
+    def _end(self, estimate: EachState) -> None:
         """Choose the last controls: the nearest to the goal, or the planned ones if safer."""
         whole = self._scenario.problem
         problem = whole.starting_at(whole.intervals - 1)
@@ -202,27 +189,23 @@ class ClosedLoop:
         planned = Choice(problem, estimate, self._ahead, required, self._lost)
         nearest = np.matvec(last_control(whole), miss)
         if self._filter is not None and not required.at_nodes:
-            nearest = self._last_interval(estimate, problem).kept_apart(nearest)
-        nearest = nearest[:, :, None]
-        homing = Choice(problem, estimate, nearest, required, self._lost)
+            last = LastInterval(
+                problem=problem,
+                estimate=estimate,
+                covariance=self._filter.covariance.reshape(*estimate.shape, 6),
+                goal=self._scenario.goal,
+                uncertainty=self._filter.errors,
+                sigmas=0.0 if self._back_off is None else self._back_off.sigmas,
+                adrift=self._lost[:, None] == np.arange(estimate.shape[1]),
+            )
+            nearest = last.kept_apart(nearest)
+        homing = Choice(problem, estimate, nearest[:, :, None], required, self._lost)
         # Where both are unsafe, the one that keeps craft further apart
         homes = homing.separation > problem.collision_radius
         homes |= homing.separation >= planned.separation
         self._ahead = np.where(homes[:, None, None, None], homing.controls, planned.controls)
         flown = np.where(homes, homing.separation, planned.separation)
         self.unsafe += flown <= problem.collision_radius
-
-    def _last_interval(self, estimate: Float[Array, "K n 6"], problem: Problem) -> LastInterval:
-        assert self._filter is not None
-        return LastInterval(
-            problem=problem,
-            estimate=estimate,
-            covariance=self._filter.covariance.reshape(*estimate.shape, 6),
-            goal=self._scenario.goal,
-            uncertainty=self._filter.errors,
-            sigmas=0.0 if self._back_off is None else self._back_off.sigmas,
-            adrift=self._lost[:, None] == np.arange(estimate.shape[1]),
-        )
 
 
 def asked_with_margin(
@@ -233,10 +216,9 @@ def asked_with_margin(
     Where burns may be missed it is first also passive safety until a missed one is made up for;
     not where craft may meet between nodes.
     """
-    if errors is None or errors.missed == 0 or requirements.at_nodes:
-        return [requirements]
     orbits = REACTION * problem.time_step * problem.mean_motion / (2 * np.pi)
-    if (requirements.passive_safety or 0.0) >= orbits:
+    enough = requirements.at_nodes or (requirements.passive_safety or 0.0) >= orbits
+    if errors is None or errors.missed == 0 or enough:
         return [requirements]
     return [replace(requirements, passive_safety=orbits), requirements]
 
@@ -257,14 +239,12 @@ def without(scenario: Scenario, craft: int) -> Scenario:
     )
 
 
-def _asked(problem: Problem, apart: EachTrial) -> Iterator[EachTrial]:
+def _asked(problem: Problem, apart: EachTrial) -> list[EachTrial]:
     """Separations to ask for in turn, m, of each trial: r_col, or what craft have; then less."""
     radius = problem.collision_radius
     grains = np.floor((np.minimum(apart, 2 * radius) - 2 * TOLERANCE) / (GRAIN * radius))
     least = np.minimum(radius, radius * (grains * GRAIN))
-    yield least
-    for share in LESS:
-        yield least * (1 - share)
+    return [least, *(least * (1 - share) for share in LESS)]
 
 
 @dataclass(frozen=True)
@@ -281,6 +261,7 @@ class Choice:
 
     Attributes:
         problem: of the intervals that are left.
+        estimate: states at its first node, m and m/s.
         controls: of the best so far, (K, n, intervals, 3), m/s².
         separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
             or at the nodes, and after a first loss of thrust, as is required.
@@ -290,7 +271,7 @@ class Choice:
     def __init__(
         self,
         problem: Problem,
-        estimate: Float[Array, "K n 6"],
+        estimate: EachState,
         under_way: SomeControls,
         requirements: Requirements,
         lost: Int[Array, "K"],
@@ -301,7 +282,7 @@ class Choice:
         The craft of each trial that has ``lost`` its thrust, -1 for none, has no controls.
         The allowance, m/s², is fuel beyond theirs that a back-off may cost.
         """
-        self.problem, self._estimate, self._requirements = problem, estimate, requirements
+        self.problem, self.estimate, self._requirements = problem, estimate, requirements
         self._lost, under_way = lost, np.array(under_way)
         adrift = lost >= 0
         under_way[adrift, lost[adrift]] = 0.0
@@ -318,9 +299,8 @@ class Choice:
 
         Where neither is, the one remains that keeps craft further apart; but one that misses the
         goal does not replace one that meets it. Plans are for ``which`` trials, all open, and were
-        asked for separation by a radius, m. With a margin, a trial is closed where a plan keeps all
-        of it or, where that is enough, by the plan that lacks less; new ones must not cost too
-        much, as where all craft must turn round for it.
+        asked for separation by a radius, m. With a margin, the plan must keep all of it or, where a
+        part is enough, lack less; and new ones must not cost too much.
         """
         if not plans:
             return
@@ -371,8 +351,12 @@ class Choice:
     ) -> tuple[Trajectory, SwarmPartition]:
         """Motion of trials' craft from the estimate, and which of them belong together."""
         trials, n, intervals, _ = controls.shape
-        initial, flat = self._estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
-        return Trajectory(flat, _nodes(initial, flat, self.problem)), side_by_side((n,) * trials)
+        initial, flat = self.estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
+        if intervals == self.problem.intervals:
+            states = fly(initial, flat, self.problem)
+        else:  # the last
+            states = flown_interval(initial, flat[:, 0], self.problem)
+        return Trajectory(flat, states), side_by_side((n,) * trials)
 
     def _separation(self, which: Indices | slice, controls: SomeControls) -> Values:
         (trials, n), (flown, swarms) = controls.shape[:2], self._flown(which, controls)
@@ -388,16 +372,6 @@ class Choice:
         drifting = least_after_loss(states, flat, self.problem, orbits, swarms)
         lost = self._lost[which] >= 0
         return np.where(lost, bounds, np.minimum(bounds, [one.bound for one in drifting]))
-
-
-def _nodes(
-    initial: Float[Array, "N 6"], controls: Float[Array, "N intervals 3"], problem: Problem
-) -> Float[Array, "N T 6"]:
-    """Node states that controls lead to, also over a single interval."""
-    if controls.shape[1] == problem.intervals:
-        return fly(initial, controls, problem)
-    A, B = problem.dynamics.step(problem.time_step)
-    return np.stack([initial, np.matvec(A, initial) + np.matvec(B, controls[:, 0])], axis=1)
 
 
 def _is_at_goal(plan: Plan, problem: Problem) -> bool:

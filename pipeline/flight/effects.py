@@ -89,8 +89,9 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     rows = zip(worlds, flights, errors, added, given, strict=True)
     for (name, _), (states, obstacles, met), error, by, share in rows:
         least = met.craft.separation(), error, by, share
-        sized = met.clearance(scenario), met.corridor()
-        found.append(Effect(name, states, *least, obstacles, *sized))
+        clearance = Clearance.of(met.sized.separation(), scenario) if met.sized else None
+        corridor = CorridorMargin.in_flight(met.inside) if met.inside else None
+        found.append(Effect(name, states, *least, obstacles, clearance, corridor))
     return found
 
 
@@ -201,8 +202,8 @@ def _passive_safety(
 
 
 def _of(effect: Effect) -> dict[str, Any]:
-    nearest = effect.nearest
-    alone = nearest.pair is None
+    nearest, alone = effect.nearest, effect.nearest.pair is None
+    unlike = {"clearance": effect.clearance, "corridor": effect.corridor}
     return {
         "goal_error": _most(effect.errors[:, :3]),
         "goal_velocity_error": _most(effect.errors[:, 3:]),
@@ -210,11 +211,7 @@ def _of(effect: Effect) -> dict[str, Any]:
         "min_separation_pair": nearest.pair,
         "min_separation_time": nearest.time,
         "min_separation_bound": None if alone else nearest.bound,
-        **{
-            name: asdict(one)
-            for name, one in (("clearance", effect.clearance), ("corridor", effect.corridor))
-            if one is not None
-        },
+        **{name: asdict(one) for name, one in unlike.items() if one is not None},
     }
 
 

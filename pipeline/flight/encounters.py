@@ -10,7 +10,6 @@ from pipeline.arrays import Array, Float, like, namespace, plain
 from pipeline.flight.world import World
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.nearest import Nearest, nearer, nearest, nearest_between
-from pipeline.plan import Clearance, CorridorMargin
 from pipeline.scenario import Scenario, participants
 
 OF_CRAFT = "min_separation", "first_craft", "second_craft", "min_separation_time"
@@ -52,14 +51,6 @@ class Encounters:
                 names, (one.distance - off, one.first, one.second, one.time), strict=True
             )
         }
-
-    def clearance(self, scenario: Scenario) -> Clearance | None:
-        """Of the first trial, None where sizes are alike."""
-        return None if self.sized is None else Clearance.of(self.sized.separation(), scenario)
-
-    def corridor(self) -> CorridorMargin | None:
-        """The margin of the first trial, None where there are no corridors."""
-        return None if self.inside is None else CorridorMargin.in_flight(self.inside)
 
 
 class Surroundings:

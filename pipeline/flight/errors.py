@@ -145,23 +145,23 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     2011) has the numbers of trial k at a place of their own, so that any run of trials is drawn at
     once; the normal ones are by inversion.
     """
-    seed = int(seed)  # numpy's may be too short for what is added
-    shapes = ((n, 6), (intervals, n, 6), (intervals, n, 3), (intervals, n), (intervals, n))
-    sizes = [prod(shape) for shape in shapes]
-    blocks = -(-sum(sizes) // 4)  # of four numbers, by which the counter counts
-    generator = np.random.Generator(np.random.Philox(key=seed, counter=trials.start * blocks))
-    uniform = generator.random((len(trials), 4 * blocks))[:, : sum(sizes)]
-    parts = np.split(uniform, np.cumsum(sizes)[:-1], axis=1)
-    bias, noise, burn, lag, missed = (
-        part.reshape(len(trials), *shape) for part, shape in zip(parts, shapes, strict=True)
-    )
-    blocks = n  # of four numbers each, of another stream
-    other = np.random.Generator(np.random.Philox(key=seed + SEEDS, counter=trials.start * blocks))
-    thruster = other.random((len(trials), n, 4))
-    other = np.random.Generator(np.random.Philox(key=seed + 2 * SEEDS, counter=trials.start))
-    loss = other.random((len(trials), 4))[:, :3]
+    shapes = (n, 6), (intervals, n, 6), (intervals, n, 3), (intervals, n), (intervals, n)
+    bias, noise, burn, lag, missed = _uniform(int(seed), trials, *shapes)
+    # Numpy's integers may be too short for what is added
+    (thruster,) = _uniform(int(seed) + SEEDS, trials, (n, 4))
+    (loss,) = _uniform(int(seed) + 2 * SEEDS, trials, (3,))
     bias, noise, burn, lag, thruster = map(_normal, (bias, noise, burn, lag, thruster))
     return Draws(bias, noise, burn, lag, missed, thruster, loss)
+
+
+def _uniform(key: int, trials: range, *shapes: tuple[int, ...]) -> list[Float[Array, "K ..."]]:
+    """Uniform numbers of some shapes for each trial, of a stream with a key of its own."""
+    count, sizes = len(trials), [prod(shape) for shape in shapes]
+    blocks = -(-sum(sizes) // 4)  # of four numbers, by which the counter counts
+    stream = np.random.Philox(key=key, counter=trials.start * blocks)
+    numbers = np.random.Generator(stream).random((count, 4 * blocks))[:, : sum(sizes)]
+    parts = np.split(numbers, np.cumsum(sizes)[:-1], axis=1)
+    return [part.reshape(count, *shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
 def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:

@@ -39,24 +39,17 @@ class LastInterval:
 
     def kept_apart(self, controls: Float[Array, "K n 3"]) -> Float[Array, "K n 3"]:
         """The controls, m/s², changed where pairs would come too near; no more than they can."""
-        held = controls.reshape(-1, 3)
+        (trials, n, _), problem = self.estimate.shape, self.problem
+        held, swarms = controls.reshape(-1, 3), side_by_side((n,) * trials)
+        within, most = problem.collision_radius + CLOSE, problem.most_control
         for _ in range(ROUNDS):
-            found = self._near(held)
+            states = flown_interval(self.estimate.reshape(-1, 6), held, problem)
+            found = close_approaches(states, held[:, None], problem, within, swarms=swarms)
             push = self._pushed(found, held)
             if not push.any():
                 break
-            held = np.clip(held + push, -self.problem.most_control, self.problem.most_control)
+            held = np.clip(held + push, -most, most)
         return held.reshape(controls.shape)
-
-    def _near(self, held: Held) -> Approaches:
-        """Closest approaches of pairs that may be too near in the interval."""
-        trials, n, _ = self.estimate.shape
-        begin, problem = self.estimate.reshape(-1, 6), self.problem
-        A, B = problem.dynamics.step(problem.time_step)
-        states = np.stack([begin, np.matvec(A, begin) + np.matvec(B, held)], axis=1)
-        within = problem.collision_radius + CLOSE
-        swarms = side_by_side((n,) * trials)
-        return close_approaches(states, held[:, None], problem, within, swarms=swarms)
 
     def _pushed(self, found: Approaches, held: Held) -> Held:
         """Changes of controls that take each pair as far apart as it is to be, m/s²."""
@@ -116,3 +109,11 @@ class LastInterval:
             for one, each in zip(maps, (known, burns), strict=True)
         ]
         return np.hypot(*along)
+
+
+def flown_interval(
+    begin: Float[Array, "N 6"], held: Held, problem: Problem
+) -> Float[Array, "N 2 6"]:
+    """States at both ends of a problem's first interval, m and m/s."""
+    A, B = problem.dynamics.step(problem.time_step)
+    return np.stack([begin, np.matvec(A, begin) + np.matvec(B, held)], axis=1)

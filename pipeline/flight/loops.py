@@ -45,21 +45,17 @@ class Loop:
         self, scenario: Scenario, world: World, errors: Errors, trials: range, seed: int
     ) -> Trials:
         """Fly some trials side by side, as in ``fly_trials``."""
-        drawn = draws(seed, trials, scenario.n, scenario.problem.intervals)
-        if self.planner is None:
-            guidance = open_loop(self.controls)
-            if self.states is not None:
-                guidance = feedback(self.controls, self.states, scenario.problem)
-            flown = fly_trials(scenario, world, guidance, drawn, errors)
-            unsafe, seconds = np.zeros(len(trials), dtype=int), np.zeros((len(trials), 0))
-        else:
-            closed = ClosedLoop(
-                *(scenario, self.controls, self.planner, len(trials), self.back_off),
-                loss=lost_thrust(drawn, errors, scenario.problem),
-                errors=errors,
-            )
-            flown = fly_trials(scenario, world, closed, drawn, errors)
-            unsafe, seconds = closed.unsafe, closed.seconds
+        problem, count = scenario.problem, len(trials)
+        drawn = draws(seed, trials, scenario.n, problem.intervals)
+        unsafe, seconds = np.zeros(count, dtype=int), np.zeros((count, 0))
+        guidance = open_loop(self.controls)
+        if self.planner is not None:
+            loss, given = lost_thrust(drawn, errors, problem), (scenario, self.controls)
+            closed = ClosedLoop(*given, self.planner, count, self.back_off, loss, errors)
+            guidance, unsafe, seconds = closed, closed.unsafe, closed.seconds  # filled in flight
+        elif self.states is not None:
+            guidance = feedback(self.controls, self.states, problem)
+        flown = fly_trials(scenario, world, guidance, drawn, errors)
         replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
         return {"trial": np.array(trials), **flown, **replanning}
 
@@ -134,10 +130,7 @@ def fly_loops(
 
 
 def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
-    """Refuse plans with what guidance does not keep with an InputError.
-
-    A risk of other guidance, and limits of thrust or sizes of its own.
-    """
+    """Raise InputError for sizes, limits of thrust or a risk that guidance does not keep."""
     if plan.scenario.unlike:
         raise InputError(
             "craft have radii of their own, or there are obstacles or corridors, which guidance "
@@ -162,9 +155,9 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
 
 
 def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements, errors: Errors) -> Controls:
-    """Controls that keep a back-off from the first node on, m/s²; else those of the plan.
+    """Controls that keep as much of a back-off as they can from the first node on, m/s².
 
-    Also where they would cost too much. Where it cannot be kept whole, as much as can be had.
+    Those of the plan where there are none, or they would cost too much.
     """
     problem, alone = plan.scenario.problem, side_by_side((plan.scenario.n,))
     for required in asked_with_margin(requirements, problem, errors):

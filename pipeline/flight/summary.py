@@ -1,7 +1,7 @@
 """Summary and figure of trials: how close craft come, how far from their goals they end, and Δv."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -27,12 +27,6 @@ APART = {"min_separation": "least separation (m)"}
 CLEAR = {"min_clearance": "least clearance (m)"}  # instead, where sizes are not alike
 PANELS = {"goal_error": "error at the goal (m)", "delta_v": "Δv of all craft (m/s)"}
 """Columns that are shown, with their axes' labels."""
-
-OF_UNLIKE = (
-    *("least_clearance", "clearance_median"),
-    *("outside_corridor", "outside_corridor_interval", "least_corridor", "corridor_median"),
-)
-"""Fields that only those have whose scenarios have sizes of their own, obstacles or corridors."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +57,7 @@ class Summary:
     missed_burns: float  # mean number in a trial
     unsafe_replans: float | None  # mean number of nodes where the plan flown was unsafe
     replan_seconds: float | None  # median time of a plan
+    # By sizes or of corridors, where there are any
     least_clearance: float | None = None  # of all trials; of craft and obstacles by their sizes
     clearance_median: float | None = None  # of the least clearance of each trial
     outside_corridor: float | None = None  # share in which a craft left a corridor
@@ -72,8 +67,9 @@ class Summary:
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without those of sizes and corridors where there are none."""
-        fields = asdict(self)
-        return {k: one for k, one in fields.items() if one is not None or k not in OF_UNLIKE}
+        optional = {one.name for one in fields(self) if one.default is None}
+        found = asdict(self).items()
+        return {k: one for k, one in found if one is not None or k not in optional}
 
 
 def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary:

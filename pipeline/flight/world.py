@@ -31,10 +31,7 @@ class World(Protocol):
     """
 
     def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
-        """States over an interval of the plan, from those at its start by controls held in it.
-
-        Or over a part of it.
-        """
+        """States over an interval or a part of it, from those at its start by controls held."""
 
     @property
     def of_obstacles(self) -> "World":
