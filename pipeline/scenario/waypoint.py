@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, groupby
+from itertools import groupby
 
 import numpy as np
 
@@ -89,12 +89,15 @@ def closest_pair(
 ) -> tuple[float, int, int, float] | None:
     """Distance (m), craft and time (s) of the two that must be closest, by radii, at one node."""
     timed = [one for one in waypoints if one.time is not None]
-    apart = [
-        (float(np.linalg.norm(np.subtract(a.position, b.position))), a.craft, b.craft, a.time or 0)
-        for a, b in combinations(timed, 2)
-        if a.node(problem) == b.node(problem)
-    ]
-    return min(apart, key=lambda one: one[0] - radii[one[1]] - radii[one[2]], default=None)
+    craft, places = (np.array([getattr(w, name) for w in timed]) for name in ("craft", "position"))
+    nodes, found = np.array([one.node(problem) for one in timed]), []
+    for k, one in enumerate(timed):
+        if len(others := k + 1 + np.flatnonzero(nodes[k + 1 :] == nodes[k])):
+            apart = np.linalg.norm(places[others] - places[k], axis=1)
+            least = int((apart - radii[craft[others]]).argmin())
+            other = int(craft[others[least]])
+            found.append((float(apart[least]), one.craft, other, one.time or 0.0))
+    return min(found, key=lambda one: one[0] - radii[one[1]] - radii[one[2]], default=None)
 
 
 def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
