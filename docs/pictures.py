@@ -130,7 +130,11 @@ def example_figure(scenario: Scenario) -> Figure:
     figure = Figure(figsize=(PAGE_WIDTH, 2.9), layout="constrained", facecolor="white")
     views = VIEWS[:1] if flat else VIEWS
     for ax, (across, up) in zip(np.ravel(figure.subplots(1, len(views))), views, strict=True):
-        draw_views(ax, paths[..., across], paths[..., up])
+        x, y = paths[..., across].T, paths[..., up].T
+        ax.plot(x, y, color=OTHERS, linewidth=0.7)
+        ax.plot(x[0], y[0], "o", color=INITIAL_COLOUR, fillstyle="none", markersize=3.5)
+        ax.plot(x[-1], y[-1], "o", color=GOAL_COLOUR, markersize=2.5)
+        ax.xaxis.set_major_locator(MaxNLocator(6))
         for one, drift in zip(scenario.obstacles, drifts, strict=True):
             ax.plot(drift[:, across], drift[:, up], color="#707070", linewidth=0.7, linestyle="--")
             size = one.semi_axes or (one.radius, one.radius, one.radius)
@@ -142,14 +146,6 @@ def example_figure(scenario: Scenario) -> Figure:
         if flat and np.ptp(paths[..., across]) < LONGEST * np.ptp(paths[..., up]):
             ax.set_aspect("equal", adjustable="datalim")
     return figure
-
-
-def draw_views(ax: Axes, across: Array, up: Array) -> None:
-    """Paths of all craft, (n, k) each way."""
-    ax.plot(across.T, up.T, color="#b8b8b8", linewidth=0.7)
-    ax.plot(across[:, 0], up[:, 0], "o", color=INITIAL_COLOUR, fillstyle="none", markersize=3.5)
-    ax.plot(across[:, -1], up[:, -1], "o", color=GOAL_COLOUR, markersize=2.5)
-    ax.xaxis.set_major_locator(MaxNLocator(6))
 
 
 def main() -> None:
