@@ -269,13 +269,10 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
     shares = {
         "too close by sizes" if sized else f"within r_col, {radius:g} m": "within_radius",
         f"within {size:g} m": "within_size",
-        "outside a corridor": "outside_corridor",
     }
-    lines = [
-        [label, *(_shared(one, name) for one in summaries)]
-        for label, name in shares.items()
-        if name != "outside_corridor" or summaries[0].outside_corridor is not None
-    ]
+    if summaries[0].outside_corridor is not None:
+        shares["outside a corridor"] = "outside_corridor"
+    lines = [[label, *(_shared(one, name) for one in summaries)] for label, name in shares.items()]
     for label, name, text in QUANTITIES:
         values = [getattr(one, name) for one in summaries]
         if any(value is not None for value in values):

@@ -213,7 +213,7 @@ def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
 
 def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
     rows = [
-        _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""), "data")
+        _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""))
         for name, part in parts.items()
     ]
     versions = {version.uri: version for part in parts.values() for version in part.models}
@@ -224,15 +224,13 @@ def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _provenance_row(
-    part: str, run: Run | ModelVersion, digest: str, data: str = "dataset"
-) -> dict[str, str]:
+def _provenance_row(part: str, run: Run | ModelVersion, digest: str) -> dict[str, str]:
     tags = run.tags
     return {
         "part": part,
         "run": run.run_id,
         "made": _day(run),
-        "data": run.params.get(data, ""),
+        "data": run.params.get("data" if isinstance(run, Run) else "dataset", ""),
         "digest": digest,
         "code": tags.get("git_commit", tags.get("prolearn_version", "")),
         "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),
