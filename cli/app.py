@@ -28,13 +28,8 @@ class Terminated(KeyboardInterrupt):
 
 
 AGAIN_SECONDS = 0.05  # after so long an interrupt that a callback has swallowed is raised again
-
-TYPED = "prolearn.typed"
-"""Key in a command's context of the words that were typed, of options their values."""
-
-USAGE: Any = typer.BadParameter.__base__
-"""What Typer raises for arguments that a command does not have; it quotes them as they are."""
-
+TYPED = "prolearn.typed"  # key in a command's context of the words, and options' values, typed
+USAGE: Any = typer.BadParameter.__base__  # of arguments that a command lacks, which it quotes
 CONTROL_GROUP = Path("/sys/fs/cgroup")  # where a container says what it may take
 
 
@@ -66,9 +61,8 @@ class CommandGroup(TyperGroup):
             words = "this takes more memory than the system gives; expected more of it"
             _stop(ctx, f"{words}, or less to do.", FAILED)
         except KeyboardInterrupt as stop:
-            word, status = "interrupted", INTERRUPTED
-            if isinstance(stop, Terminated):
-                word, status = "terminated", TERMINATED
+            ended = isinstance(stop, Terminated)
+            word, status = ("terminated", TERMINATED) if ended else ("interrupted", INTERRUPTED)
             # Commands that say nothing of what is kept go on where they were, when run again.
             _stop(ctx, f"{word}; {str(stop) or 'what was finished is kept.'}", status)
 
@@ -150,8 +144,7 @@ def refuse_overwriting(source: Path, target: Path) -> None:
     refuse_special(target)
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
-            f"{target} is what is read, and would be written over; expected another name for what "
-            "is made of it: give --out."
+            f"{target} is what is read; expected another name for what is made of it: give --out."
         )
 
 
@@ -169,8 +162,7 @@ def within_memory() -> Iterator[None]:
     except MemoryError as error:
         room = "" if free is None else f" than the {free / 1e9:.3g} GB that are free"
         raise ProlearnError(
-            f"this takes more memory{room}; expected fewer craft, fewer nodes, or intervals of "
-            "fewer revolutions."
+            f"this takes more memory{room}; expected fewer craft or nodes, or shorter intervals."
         ) from error
 
 

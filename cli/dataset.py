@@ -14,7 +14,6 @@ from pipeline.errors import InputError
 from pipeline.text import public_url
 
 if TYPE_CHECKING:
-    from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.parallel.workers import Workers
 
 AN_ORBIT = 'an object such as {"semi_major_axis": 8e6, "eccentricity": 0.1}'
@@ -53,6 +52,8 @@ def sample(
     """
     from pipeline.dataset.making import sample as run
     from pipeline.dataset.samples import Sample
+    from pipeline.documents import document_in
+    from pipeline.scenario.orbit_document import OrbitDocument
 
     try:
         train, valid, test = (float(part) for part in shares.split(","))
@@ -64,7 +65,8 @@ def sample(
     asked = problem.problem()
     if orbit is not None:
         refuse(context, ("altitude",), "beside --orbit, which has a size; leave one of them out.")
-        asked = asked.about(_orbit(orbit))
+        document = document_in(os.fsencode(orbit), OrbitDocument, "--orbit", AN_ORBIT)
+        asked = asked.about(document.orbit())
     drawing = workers_of(context, workers)
     with progress("sampling") as shown:
         run(out, {n: one}, asked, workers=drawing, progress=shown)
@@ -72,13 +74,6 @@ def sample(
     many = f"{count} scenarios of n={n} are" if count != 1 else f"1 scenario of n={n} is"
     them = "them" if count != 1 else "it"
     echo(f"{many} in {where}; solve {them}: prolearn solve {quote(where)}")
-
-
-def _orbit(text: str) -> "ReferenceOrbit":
-    from pipeline.documents import document_in
-    from pipeline.scenario.orbit_document import OrbitDocument
-
-    return document_in(os.fsencode(text), OrbitDocument, "--orbit", AN_ORBIT).orbit()
 
 
 @with_settings
@@ -221,12 +216,12 @@ def verify(
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
+    if not as_json:
+        echo(*(f"{fault.path}: {fault.what}" for fault in faults), err=True)
     if as_json:
         counted = {} if mend else {"rows": rows}
         print_json({"folder": where, "repaired": mend, "faults": faults, **counted})
-        raise typer.Exit(int(bool(left)))
-    echo(*(f"{fault.path}: {fault.what}" for fault in faults), err=True)
-    if not faults:
+    elif not faults:
         echo(f"{where} is sound: {rows} rows.")
     elif not left:
         echo(f"{where} is mended: {many}.")

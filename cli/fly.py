@@ -1,7 +1,7 @@
 """The command that flies a plan outside the linear model, once or many times with errors."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from pipeline.flight.summary import Summary
     from pipeline.parallel.workers import Workers
     from pipeline.plan import Plan, Requirements
-
-CONDITIONS = tuple(field.name for field in fields(FlightConditions))
-OF_REPLANNING = ("planner", "effort", "sigmas")
-OF_TRIALS = tuple(
-    field.name
-    for settings in (FlownTrials, WorkerSettings)
-    for field in fields(settings)
-    if field.name != "trials"
-)
-"""Parameters that say nothing without others: the nonlinear world, a planner, trials."""
 
 
 @with_settings
@@ -84,28 +74,35 @@ def fly(
         prolearn fly plan.json --trials 1000 --error missed=0.01 --out flown/
         prolearn fly plan.json --trials 1000 --world linear --device cuda
     """
+    from pipeline.flight.effects import effects, flight_report
     from pipeline.plan.document import read_plan
 
     if settings.trials is None:
-        refuse(context, OF_TRIALS, "without --trials; expected both: add --trials 1000.")
-    elif settings.replan != "every-node":
-        refuse(context, OF_REPLANNING, "and nobody plans anew; add --replan every-node.")
-    if settings.trials is not None:
+        for group in (FlownTrials, WorkerSettings):
+            refuse(context, group, "without --trials; expected both: add --trials 1000.")
+    else:
         refuse(context, ("passive_safety",), "with --trials, which have errors; leave it out.")
+    if settings.replan != "every-node":
+        why = "and nobody plans anew; add --replan every-node."
+        refuse(context, ("planner", "effort", "sigmas"), why)
     if settings.world == "linear":
-        refuse(context, CONDITIONS, "and the linear world has no such thing; leave it out.")
+        refuse(context, FlightConditions, "and the linear world has no such thing; leave it out.")
     else:
         refuse(context, ("device",), "and the nonlinear world has none; add --world linear.")
     with within_memory():
         made = read_plan(plan)
     about = conditions.about(made.scenario)
     if made.scenario.problem.orbit is not None:
-        refuse(context, CONDITIONS, "and the plan has an orbit of its own: leave it out.")
-    if settings.trials is None:
-        _fly_once(plan, made, about, passive_safety, as_json=as_json)
-    else:
+        refuse(context, FlightConditions, "and the plan has an orbit of its own: leave it out.")
+    if settings.trials is not None:
         flying = workers_of(context, workers)
         _fly_trials(plan, made, about, settings, flying, as_json=as_json)
+        return
+    with told_where(plan), within_memory():
+        found = effects(made.scenario, made.controls, about)
+    report = {"plan": str(plan), **flight_report(made, about, found, passive_safety)}
+    print_json(report) if as_json else print_flight(report)
+    raise typer.Exit(0 if report["safe"] else FAILED)
 
 
 def _fly_trials(
@@ -118,37 +115,20 @@ def _fly_trials(
     as_json: bool,
 ) -> None:
     from cli.jobs.fly_trials import fly_trials
-    from cli.jobs.planner import planner_of
-    from pipeline.flight.conditions import world_of
-    from pipeline.flight.loops import refuse_replanning
-    from pipeline.flight.world import LinearWorld
 
-    scenario, linear = plan.scenario, settings.world == "linear"
-    problem = scenario.problem
-    device = None
-    if settings.device is not None:
-        from pipeline.networks.device import torch_device
-
-        device = str(torch_device(settings.device))
-    world = LinearWorld(problem.dynamics, device) if linear else world_of(scenario, conditions)
     errors = errors_of(settings.errors, settings.error or [])
-    planner = None
-    if settings.replan != "none":
-        refuse_replanning(plan, with_feedback=settings.replan == "feedback")
-    if settings.replan == "every-node":
-        planner = planner_of(settings.planner, plan.requirements, settings.effort)
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        of = plan, world, errors, folder, settings
-        loops = fly_trials(*of, workers=workers, planner=planner, progress=shown)
+        of = plan, conditions, errors, folder, settings
+        loops = fly_trials(*of, workers=workers, progress=shown)
+    required = plan.requirements if settings.replan == "every-node" else None
     if as_json:
-        required = None if planner is None else asdict(plan.requirements)
         about = {"plan": str(path), "folder": str(folder)}
         told = [one.document() for one in loops]
         print_json({**about, "loops": told, "requirements": required})
         return
-    print_trials(loops, problem.collision_radius, settings.size)
-    note(*([] if planner is None else _kept(plan.requirements)))
+    print_trials(loops, plan.scenario.problem.collision_radius, settings.size)
+    note(*(() if required is None else _kept(required)))
     if errors.lost > 0:
         note(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
@@ -174,30 +154,16 @@ def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
     return errors
 
 
-def _kept(required: "Requirements") -> list[str]:
+def _kept(required: "Requirements") -> Iterator[str]:
     """A sentence on what replanning keeps other than separation at all times, if anything."""
     if required.at_nodes:
-        return ["Planned anew, craft are kept apart at the nodes only, as in the plan."]
-    if required.passive_safety is None:
-        return []
-    return [
-        "Planned anew, craft are also kept apart from any that loses its thrust at a node, for "
-        f"{required.passive_safety:g} orbits of drift, as in the plan; nodes without a safe plan "
-        "are those at which this or r_col was not kept from where craft seemed to be."
-    ]
-
-
-def _fly_once(
-    path: Path, plan: "Plan", conditions: "Conditions", orbits: float | None, *, as_json: bool
-) -> None:
-    """Fly it without errors, with one effect more each time, and perhaps after losses of thrust."""
-    from pipeline.flight.effects import effects, flight_report
-
-    with told_where(path), within_memory():
-        found = effects(plan.scenario, plan.controls, conditions)
-    report = {"plan": str(path), **flight_report(plan, conditions, found, orbits)}
-    print_json(report) if as_json else print_flight(report)
-    raise typer.Exit(0 if report["safe"] else FAILED)
+        yield "Planned anew, craft are kept apart at the nodes only, as in the plan."
+    elif required.passive_safety is not None:
+        yield (
+            "Planned anew, craft are also kept apart from any that loses its thrust at a node, for "
+            f"{required.passive_safety:g} orbits of drift, as in the plan; nodes without a safe "
+            "plan are those at which this or r_col was not kept from where craft seemed to be."
+        )
 
 
 HEADINGS = (
@@ -208,23 +174,26 @@ HEADINGS = (
 
 def print_flight(report: Mapping[str, Any]) -> None:
     """The table of effects, and in sentences the conditions, the fuel and the verdict."""
-    of, rows, safe = report["conditions"], report["effects"], report["collision_radius"]
-    said = orbit_in_words(of)
+    rows, radius = report["effects"], report["collision_radius"]
+    said = orbit_in_words(report["conditions"])
     note(said[0].upper() + said[1:])
-    near = [k for k, row in enumerate(rows) if _is_near(row, safe)]
-    print_table(HEADINGS, [_cells(row) for row in rows], marked=near)
-    note(*[SIGNED] * ("clearance" in report))
+    bad = [k for k, row in enumerate(rows) if _too_close(row, radius) or _is_outside(row)]
+    print_table(HEADINGS, [_cells(row) for row in rows], marked=bad)
+    if "clearance" in report:
+        note(SIGNED)
     note(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
 
 
-def _is_near(row: Mapping[str, Any], radius: float) -> bool:
-    """Whether a flight violates the separation of a pair or a craft's corridor."""
-    if (inside := row.get("corridor")) and inside["min_margin_bound"] <= 0:
-        return True
+def _too_close(row: Mapping[str, Any], radius: float) -> bool:
+    """Whether a pair, or a craft and an obstacle, come too close in a flight or a drift."""
     if clear := row.get("clearance"):
         return bool(clear["min_clearance_bound"] <= 0)
     bound = row["min_separation_bound"]  # None of a craft alone
     return bound is not None and bound <= radius
+
+
+def _is_outside(row: Mapping[str, Any]) -> bool:
+    return "corridor" in row and row["corridor"]["min_margin_bound"] <= 0
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
@@ -240,47 +209,41 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict(report: Mapping[str, Any]) -> str:
-    """How far off the goal, and whether any pair comes too close, or a craft leaves a corridor."""
     worst, off = report["goal_error_craft"], error(report["goal_error"])
     said = f"At worst, craft {worst} ends {off} m from its goal."
     return " ".join([*_adrift(report), said, *_corridor(report), _apart(report)])
 
 
 def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
-    drift, radius = report["passive_safety"] or {}, report["collision_radius"]
-    clear = drift.get("clearance")
-    if not (clear or drift.get("pair")):
+    drift = report["passive_safety"] or {}
+    if clear := drift.get("clearance"):
+        node, what = clear["node"], _clear(clear)
+    elif drift.get("pair"):
+        node, (i, j) = drift["node"], drift["pair"]
+        what = f"craft {i} comes within {drift['min_separation']:.2f} m of craft {j}"
+    else:
         return
     orbits = f"{drift['orbits']:g} orbit{'s' * (drift['orbits'] != 1)}"
-    if clear:
-        wrong, node = clear["min_clearance_bound"] <= 0, clear["node"]
-        what = _clear(clear)
-    else:
-        wrong, node = drift["min_separation_bound"] <= radius, drift["node"]
-        (i, j), apart = drift["pair"], drift["min_separation"]
-        what = f"craft {i} comes within {apart:.2f} m of craft {j}"
-    verdict = "Not passively safe: " if wrong else ""
+    verdict = "Not passively safe: " if _too_close(drift, report["collision_radius"]) else ""
     yield f"{verdict}Adrift for {orbits} from node {node}, {what}."
 
 
 def _corridor(report: Mapping[str, Any]) -> Iterator[str]:
     if found := report.get("corridor"):
         by, where = found["min_margin"], f"corridors[{found['corridor']}] at {found['time']:.0f} s"
-        kept = "Not kept: craft" if found["min_margin_bound"] <= 0 else "Craft"
+        kept = "Not kept: craft" if _is_outside(report) else "Craft"
         yield f"{kept} {found['craft']} is {abs(by):.2f} m {'in' if by > 0 else 'out'}side {where}."
 
 
 def _apart(report: Mapping[str, Any]) -> str:
-    """A sentence on safety: whether any pair comes too close, and the closest pair."""
     radius, clear = report["collision_radius"], report.get("clearance")
+    if not _too_close(report, radius):
+        if clear:
+            return f"{_clear(clear).replace('craft', 'Craft', 1)}, the least of all."
+        return f"No pair comes within {radius:g} m."
     if clear:
-        wrong, what = clear["min_clearance_bound"] <= 0, _clear(clear)
+        what = _clear(clear)
     else:
-        wrong = _is_near({"min_separation_bound": report["min_separation_bound"]}, radius)
-        what = f"No pair comes within {radius:g} m"
-    if not wrong:
-        return f"{what[0].upper()}{what[1:]}{', the least of all' if clear else ''}."
-    if not clear:
         i, j = report["min_separation_pair"]
         what = (
             f"craft {i} and {j} come within {report['min_separation']:.2f} m of each other; "
@@ -306,13 +269,10 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
     shares = {
         "too close by sizes" if sized else f"within r_col, {radius:g} m": "within_radius",
         f"within {size:g} m": "within_size",
-        "outside a corridor": "outside_corridor",
     }
-    lines = [
-        [label, *(_shared(one, name) for one in summaries)]
-        for label, name in shares.items()
-        if name != "outside_corridor" or summaries[0].outside_corridor is not None
-    ]
+    if summaries[0].outside_corridor is not None:
+        shares["outside a corridor"] = "outside_corridor"
+    lines = [[label, *(_shared(one, name) for one in summaries)] for label, name in shares.items()]
     for label, name, text in QUANTITIES:
         values = [getattr(one, name) for one in summaries]
         if any(value is not None for value in values):
@@ -321,6 +281,7 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
     print_table([f"{count} trial{'s' * (count != 1)}", *(one.loop for one in summaries)], lines)
 
 
+# Label, field of a summary, and how it is written
 QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
     ("least separation, m: median", "separation_median", number),
     ("  least of all", "least_separation", number),
@@ -339,7 +300,6 @@ QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
     ("nodes without a safe plan", "unsafe_replans", number),
     ("time a replan, ms: median", "replan_seconds", lambda v: number(1e3 * v)),
 )
-"""Label, field of a summary, and how it is written."""
 
 
 def _shared(one: "Summary", name: str) -> str:

@@ -10,20 +10,14 @@ import typer
 from rich.table import Column, Table
 
 from cli.app import CommandGroup
-from cli.output import (
-    echo,
-    plain_text,
-    print_json,
-    print_table,
-    stdout_for_document,
-    wide_console,
-)
+from cli.output import echo, plain_text, print_json, print_table, stdout_for_document, wide_console
 from cli.progress import each
 from cli.settings import AsJson, option
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from cli.jobs.export import ExportedModel
+    from pipeline.networks.onnx_export import Exported
+    from pipeline.networks.refiner.on_board_export import ExportedCraft
     from registry.models import ModelVersion
 
 app = typer.Typer(
@@ -47,13 +41,12 @@ ModelArgument = Annotated[
     str, typer.Argument(help="ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI.")
 ]
 
+# Metrics in the list, by name, with their headings
 COLUMNS = {
     "valid_position_rmse": "valid.\nRMS m",
     "exp1_flown_collisions": "colli-\nsions",
     "exp1_flown_fuel": "fuel\nm/s²",
 }
-"""Metrics in the list, by name, with their headings."""
-
 AGES = ((86400, "d"), (3600, "h"), (60, "min"))  # units of an age, s
 
 
@@ -218,11 +211,12 @@ def export(
     versions = [None if model == PACKAGED else resolve(model) for model in models]
     targets = _targets(versions, out)
     for version, target in each("exporting", list(zip(versions, targets, strict=True))):
-        _say(run(version, target, n=n, flown=flown))
+        file, card = run(version, target, n=n, flown=flown)
+        _say(file)
+        echo(f"Model card: {card}")
 
 
 def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> list[Path | None]:
-    """The file of each model; None for its default."""
     from cli.jobs.export import file_name
 
     if len(versions) == 1:
@@ -236,10 +230,9 @@ def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> lis
     return [(out or Path()) / name for name in names]
 
 
-def _say(made: "ExportedModel") -> None:
+def _say(file: "Exported | ExportedCraft") -> None:
     from pipeline.networks.refiner.on_board_export import ExportedCraft
 
-    file = made.file
     if isinstance(file, ExportedCraft):
         steps = ", ".join(f"{name} {kib:.0f} KiB" for name, kib in file.kib.items())
         times = ", ".join(f"{s * 1e3:.2g} ms ({name})" for name, s in file.seconds.items())
@@ -258,7 +251,6 @@ def _say(made: "ExportedModel") -> None:
             f"Largest difference from torch: {file.difference:.1e} of a component's size, "
             f"{file.metres:.1e} m in position.",
         )
-    echo(f"Model card: {made.card}")
 
 
 @app.command()

@@ -4,20 +4,19 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
+from reprlib import repr as brief
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, get_type_hints
 
 import typer
 
 from pipeline.errors import InputError
-from pipeline.text import public_url
 
 if TYPE_CHECKING:
     from cli.settings import WorkerSettings
     from pipeline.parallel.workers import Workers
 
-MOST_LISTED, GREATEST_LISTED = 10_000, 2**32 - 1
-"""Numbers that a list on the command line may stand for, and the largest of them."""
-
+MOST_LISTED = 10_000  # numbers that a list on the command line may stand for
+GREATEST_LISTED = 2**32 - 1  # of them
 OPTION = "option"  # in the metadata of a dataclass's field: the option that it becomes
 
 P = ParamSpec("P")
@@ -71,11 +70,10 @@ def given_options(context: typer.Context) -> dict[str, str]:
     return found
 
 
-def refuse(context: typer.Context, names: Collection[str], reason: str) -> None:
-    """Raise InputError for the first that is given of some parameters that would have no effect.
-
-    The reason says why they would have none, and what to do.
-    """
+def refuse(context: typer.Context, names: Collection[str] | type, reason: str) -> None:
+    """Refuse parameters, or fields of a dataclass, that would have no effect; with the reason."""
+    if isinstance(names, type):
+        names = [field.name for field in fields(names)]
     for name, option in given_options(context).items():
         if name in names:
             raise InputError(f"{option} is given {reason}")
@@ -94,9 +92,8 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     except (ValueError, OverflowError):
         numbers = set()
     if not numbers or min(numbers) < least or max(numbers) > GREATEST_LISTED:
-        given = text if len(text) < 40 else f"{text[:20]}..."
         raise InputError(
-            f"{option} is {given!r}; expected whole numbers from {least} to {GREATEST_LISTED}, "
+            f"{option} is {brief(text)}; expected whole numbers from {least} to {GREATEST_LISTED}, "
             "such as 10, 2,10,30 or 2..30."
         )
     return sorted(numbers)
@@ -144,22 +141,14 @@ def workers_of(context: typer.Context, settings: "WorkerSettings") -> "Workers":
     """The workers asked for; a scheduler in the environment is no error on this machine."""
     from pipeline.parallel.workers import SCHEDULER_WAIT, Workers
 
-    scheduler, wait = settings.scheduler, settings.scheduler_wait
     if settings.backend == "loky":
-        values = {"scheduler": public_url(scheduler), "scheduler_wait": f"{wait or 0:g}"}
-        values["shared"] = "given"
-        for name, option_ in given_options(context).items():
-            if name in values:
-                raise InputError(
-                    f"{option_} is {values[name]} and work on this machine has no scheduler; "
-                    "expected it with --backend dask."
-                )
+        why = "and work on this machine has no scheduler; expected it with --backend dask."
+        refuse(context, ("scheduler", "scheduler_wait", "shared"), why)
         return Workers(settings.jobs)
-    if not scheduler:
+    if not settings.scheduler:
         raise InputError(
-            "backend is 'dask' and no scheduler is given; expected its address: "
-            "--scheduler tcp://HOST:8786."
+            "backend is 'dask'; expected the scheduler's address: --scheduler tcp://HOST:8786."
         )
     refuse(context, ("jobs",), "beside --backend dask, where `dask worker` decides; leave it out.")
-    shared = getattr(settings, "shared", False)
-    return Workers(settings.jobs, scheduler, SCHEDULER_WAIT if wait is None else wait, shared)
+    wait = SCHEDULER_WAIT if settings.scheduler_wait is None else settings.scheduler_wait
+    return Workers(settings.jobs, settings.scheduler, wait, getattr(settings, "shared", False))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,8 +12,8 @@ import typer
 
 from cli.app import explained_interrupt, refuse_overwriting, within_memory
 from cli.options import refuse, with_settings
-from cli.output import echo, note, print_json, print_table, stdout_for_document, stdout_free
-from cli.plan_table import HEADINGS, is_unsolved, plan_cells, planner_cell, print_plans
+from cli.output import echo, note, print_json, stdout_for_document, stdout_free
+from cli.plan_table import HEADINGS, is_unsolved, plan_cells, print_plans, print_rows
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, option
 from pipeline.errors import InputError
@@ -23,12 +23,8 @@ from pipeline.files import STDIO, refuse_special, refuse_unwritable, stem_of
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
 
-CONDITIONS = tuple(field.name for field in fields(FlightConditions))
-TOGETHER = 50
-"""Most scenarios that are planned at once, so that progress is seen and what is done is kept."""
-
+TOGETHER = 50  # most scenarios planned at once: progress is seen, and what is done is kept
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}  # units of a duration, s
-
 NUMBER = r"(\d+(?:\.\d+)?)"
 RANGE = re.compile(rf"\s*{NUMBER}\s*\.\.\s*{NUMBER}\s*({'|'.join(UNITS)})\s*")
 
@@ -118,7 +114,8 @@ def plan(
     from pipeline.scenario.validation import linear_error
 
     if not world:
-        refuse(context, CONDITIONS, "without --world; expected both, or neither: add --world.")
+        why = "without --world; expected both, or neither: add --world."
+        refuse(context, FlightConditions, why)
     refuse_special(out)
     targets, to_people = _targets(scenarios, out), stdout_free(out, as_json)
     for path, target in product(scenarios, targets):
@@ -130,7 +127,7 @@ def plan(
         for path, one in zip(scenarios, asked, strict=True):
             if one.problem.orbit is not None:
                 why = f"and {path} has an orbit of its own; expected one of the two: leave it out."
-                refuse(context, CONDITIONS, why)
+                refuse(context, FlightConditions, why)
         asked = [in_world(one, conditions.about(one)) for one in asked]
     requirements = Requirements(planning.separation, passive_safety, risk.limit())
     chosen = planner_of(
@@ -176,8 +173,7 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     # Some file systems take names for the same that differ in case, or in how accents are composed.
     if len({normalize("NFC", name.casefold()) for name in names}) < len(names):
         raise InputError(
-            "two scenario files have the same name, or names that differ in case alone; expected "
-            "different names."
+            "two scenario files have names that differ at most in case; expected different names."
         )
     if out.is_file():
         wanted = "a folder for several plans" if names[1:] else "a folder, or a name with .json"
@@ -237,17 +233,13 @@ def seconds(text: str) -> tuple[float, float]:
 
 
 def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
-    """The table, why durations have no safe plan, the knee, and where the files are."""
     lines = []
     for row in rows:
         bound = row["delta_v_lower_bound"]
         least = MISSING if bound is None else number(bound)
-        mark = "knee" if row["knee"] else ""
-        lines.append([_minutes(row), planner_cell(row), *plan_cells(row), least, mark])
-    headings = ("transfer\nmin", "planner", *HEADINGS, "bound\nm/s", "")
-    print_table(
-        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if is_unsolved(row)]
-    )
+        mark = "knee" * row["knee"]
+        lines.append([_minutes(row), *plan_cells(row), least, mark])
+    print_rows(("transfer\nmin", *HEADINGS, "bound\nm/s", ""), lines, rows)
     for row in rows:
         if is_unsolved(row):
             echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")

@@ -8,29 +8,36 @@ from typing import Any
 
 from cli.output import echo, note, print_table
 from pipeline.figures.labels import MISSING, number
+from pipeline.files import STDIO
 
-Row = Mapping[str, Any]
-"""A plan's summary, with the files of ``scenario`` and ``plan``, and the linear model's error."""
-
+Row = Mapping[str, Any]  # a plan's summary, its files, and the error of the linear model
 MOST_CRAFT = 12  # craft of a plan up to which the Δv of each is shown
-
-HEADINGS = ("fuel\nm/s²", "Δv all\nm/s", "gap", "closest\npair", "at\ns", "apart\nm", "time\nms")
-"""Of the columns that say what a plan is worth."""
-
-
+HEADINGS = (
+    *("planner", "fuel\nm/s²", "Δv all\nm/s", "gap"),
+    *("closest\npair", "at\ns", "apart\nm", "time\nms"),
+)
 SIGNED = "apart with a sign: clearance beyond the required separation."
 
 
 def plan_cells(row: Row) -> list[str]:
     """The cells of a plan under HEADINGS."""
-    gap = row["optimality_gap"]
+    gap, planner = row["optimality_gap"], row["planner"]
     return [
+        f"{planner} ({row['status']})" if is_unsolved(row) else planner,
         number(row["fuel"]),
         number(row["delta_v"]),
         MISSING if gap is None or not isfinite(gap) else f"{gap:z.2%}",
         *closest_cells(row),
         number(1e3 * row["seconds"]),
     ]
+
+
+def print_rows(
+    headings: Sequence[str], lines: Sequence[Sequence[str]], rows: Sequence[Row]
+) -> None:
+    """Print a table whose first columns are texts; plans that must not be flown are marked."""
+    marked = [k for k, row in enumerate(rows) if is_unsolved(row)]
+    print_table(headings, lines, texts=(0, 1), marked=marked)
 
 
 def closest_cells(row: Row) -> list[str]:
@@ -47,16 +54,14 @@ def closest_cells(row: Row) -> list[str]:
 
 def print_plans(rows: Sequence[Row]) -> None:
     """Print the table of plans, remarks on single ones, and where their files are."""
-    headings = ["scenario", "planner", *HEADINGS]
-    lines = [[Path(row["scenario"]).stem, planner_cell(row), *plan_cells(row)] for row in rows]
+    headings = ["scenario", *HEADINGS]
+    lines = [[Path(row["scenario"]).stem, *plan_cells(row)] for row in rows]
     for name, (names, extra) in EXTRA.items():
         if any(row[name] for row in rows):
             headings += names
             for row, line in zip(rows, lines, strict=True):
                 line += extra(row) if row[name] else [MISSING] * len(names)
-    print_table(
-        headings, lines, texts=(0, 1), marked=[k for k, row in enumerate(rows) if is_unsolved(row)]
-    )
+    print_rows(headings, lines, rows)
     if len(rows) == 1:
         _print_craft(rows[0])
     for row in rows:
@@ -66,14 +71,12 @@ def print_plans(rows: Sequence[Row]) -> None:
     worlds = {orbit_in_words(row["world"]) for row in rows if row["world"]}
     if worlds:
         note(f"As flown: {worlds.pop() if len(worlds) == 1 else 'each about its own orbit.'}")
-    one = len(rows) == 1
     where = Path(rows[0]["plan"])
-    if str(where) != "-":
-        echo(f"The plan is {where}." if one else f"The plans are in {where.parent}/.")
+    if where != STDIO:
+        echo(f"The plans are in {where.parent}/." if rows[1:] else f"The plan is {where}.")
 
 
 def _legend(rows: Sequence[Row]) -> Iterator[str]:
-    """What columns mean that only some plans have."""
     if risks := [row["risk"] for row in rows if row["risk"]]:
         added = " + what corrections add" if any(one["feedback"] for one in risks) else ""
         yield f"safety costs: fuel that keeping the risk adds to the plan without it{added}."
@@ -113,7 +116,7 @@ def orbit_in_words(of: Mapping[str, Any]) -> str:
 
 
 def _print_craft(row: Row) -> None:
-    """What each craft of a plan spends, or, of many, from where to where that goes."""
+    """Print what each craft of a plan spends, or, of many, the range."""
     columns = [
         ("Δv ‖·‖₁\nm/s", "in the 1-norm", row["craft_delta_v"]),
         ("Δv ‖·‖₂\nm/s", "in the 2-norm", row["craft_delta_v_2norm"]),
@@ -137,13 +140,7 @@ def is_unsolved(row: Row) -> bool:
     return row["status"] != "solved"
 
 
-def planner_cell(row: Row) -> str:
-    """The planner's name, with the plan's status where that is not solved."""
-    return f"{row['planner']} ({row['status']})" if is_unsolved(row) else row["planner"]
-
-
 def _adrift(row: Row) -> list[str]:
-    """The craft adrift that comes closest to another, since which node, and how close."""
     found = row["passive_safety"]
     if clear := found.get("clearance"):
         return [f"{clear['craft']}@{clear['node']}", f"{clear['min_clearance']:+.2f}"]
@@ -153,16 +150,11 @@ def _adrift(row: Row) -> list[str]:
 
 
 def _saved(row: Row) -> list[str]:
-    """What the assignment saves at least, of the least fuel in the given order."""
     saving = row["assignment"]["saving"]
     return [MISSING if saving is None else f"{saving:z.1%}"]
 
 
 def _risk(row: Row) -> list[str]:
-    """The bound on the risk, and the fuel that keeping it costs, of that without it.
-
-    With feedback also what its corrections add.
-    """
     risk = row["risk"]
     bare, feedback = risk["fuel_without"], risk["feedback"]
     costs = f"{row['fuel'] / bare - 1:z.2%}" if bare else MISSING
@@ -186,6 +178,7 @@ def _burn(row: Row) -> list[str]:
     ]
 
 
+# Columns shown where a plan has the field of this name: their headings, and a row's cells
 EXTRA = {
     "risk": (("risk\n≤", "safety\ncosts"), _risk),
     "passive_safety": (("adrift\nfrom", "apart\nm"), _adrift),
@@ -193,11 +186,9 @@ EXTRA = {
     "largest_share": (("largest\nshare", "\n≥"), _share),
     "smallest_burn": (("least\nmm/s", "bit\ncosts"), _burn),
 }
-"""Columns shown where a plan has the field of this name: their headings, and a row's cells."""
 
 
 def _remarks(row: Row) -> list[str]:
-    """Sentences on what a plan's row in the table has no column for."""
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
         said.append(

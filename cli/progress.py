@@ -26,19 +26,17 @@ from pipeline.text import public, visible
 LINE_SECONDS = 5.0  # how often work that is not on a terminal says where it is
 
 
-class RateColumn(ProgressColumn):
+class _RateColumn(ProgressColumn):
     """How many units are done a second."""
 
     def render(self, task: Task) -> Text:
-        """The recent rate."""
         return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
 
-class NoteColumn(ProgressColumn):
-    """The note, cut where there is no room for it."""
+class _NoteColumn(ProgressColumn):
+    """The last note, cut where there is no room for it."""
 
     def render(self, task: Task) -> Text:
-        """The last note."""
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")
 
 
@@ -122,11 +120,11 @@ def _bar(console: Console) -> Progress:
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
         MofNCompleteColumn(table_column=whole),
-        RateColumn(table_column=whole),
+        _RateColumn(table_column=whole),
         TimeElapsedColumn(table_column=whole),
         TextColumn("left"),
         TimeRemainingColumn(table_column=whole),
-        NoteColumn(),
+        _NoteColumn(),
         console=console,
         # What goes to a file or a pipe must go there.
         redirect_stdout=bool(sys.stdout and sys.stdout.isatty()),

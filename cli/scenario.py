@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Column, Table
 
 from cli.app import FAILED, CommandGroup, within_memory
 from cli.options import refuse, with_settings
@@ -47,16 +47,12 @@ app = typer.Typer(
 
 MOST_CASES = 5  # faults of a kind that the table shows, the worst ones
 
-DRAWN = ("family", "n", "seed", "index", "split")
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
-"""Options of a draw, and what goes with what."""
-
-REFERENCE = ("epoch", *ANGLES)  # its fields
-SHAPE = ("eccentricity", "argument_of_perigee_deg")
+DRAWN = ("family", "n", "seed", "index", "split")  # options of a draw
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
 DRAG = ("ballistic", "spread")  # which only orbits of inertial states are given
-NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
-"""What inertial states have no use for."""
+SHAPE = ("eccentricity", "argument_of_perigee_deg")
+NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)  # what these have no use for
 
 
 @app.command()
@@ -126,13 +122,13 @@ def new(
         _told(scenario, write_by_hand(scenario, content))
         return
     refuse(context, DRAG, "without --initial; leave it out, or add --initial and --goal.")
+    orbit = None
     if place.eccentricity is None:
         why = "without --eccentricity or --initial; expected one of them, such as 0.001."
         refuse(context, OF_ORBITS, why)
     else:
         orbit = place.orbit(content.pop("altitude"))
         asked, content["orbit"] = asked.about(orbit), OrbitDocument.of(orbit).model_dump()
-        place = place.at(orbit)
     if start and to:
         refuse(context, DRAWN, f"with rings of your own; {EITHER}")
         content |= {"initial": _rings("--from", start), "goal": _rings("--to", to)}
@@ -141,7 +137,7 @@ def new(
     else:
         draft = draw(family, seed, n, index, asked, split)
         content |= {"initial": draft.initial.tolist(), "goal": draft.goal.tolist()}
-    if known := {name: value for name in REFERENCE if (value := getattr(place, name)) is not None}:
+    if known := place.fields(orbit):
         content["reference"] = known
     content |= thrust.fields(scenario_from(content, "").n)
     _told(scenario, write_by_hand(scenario, content))
@@ -153,15 +149,13 @@ def _told(scenario: Path, made: "Scenario") -> None:
 
 
 def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
-    """Rings as they stand in a file, from fields such as craft=4,size=200."""
     rings = []
     for text in given:
         fields = [part.partition("=") for part in text.split(",")]
         ring: dict[str, float | str] = {name.strip(): value.strip() for name, _, value in fields}
         if not all(name and value for name, _, value in fields) or len(ring) < len(fields):
             raise InputError(
-                f"{option} is {text!r}; expected fields of a ring, each once, such as "
-                "craft=4,size=200."
+                f"{option} is {text!r}; expected fields of a ring, each once: craft=4,size=200."
             )
         for name, value in ring.items():
             with suppress(ValueError):  # text that is no number the file's format refuses
@@ -213,12 +207,10 @@ def check(
 
 
 def _show(found: "list[Diagnostic]") -> None:
-    """A row for each finding, and below what is wrong its worst faults and the cure."""
     console, rules = wide_console(), max(len(finding.rule) for finding in found)
     for finding in found:
-        row = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
-        for _ in range(4):
-            row.add_column(overflow="fold")
+        columns = [Column(overflow="fold") for _ in range(4)]
+        row = Table(*columns, box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
         verdict = ("fine ", "green") if finding.fine else ("wrong", "bold red")
         end, rule = plain_text(f"{finding.end:8}"), plain_text(f"{finding.rule:{rules}}")
         row.add_row(end, rule, plain_text(*verdict), plain_text(finding.text))

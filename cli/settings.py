@@ -7,7 +7,7 @@ values, and those of experiments become MLflow's parameters by the names of thei
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
 
@@ -38,7 +38,6 @@ _condition = partial(setting, rich_help_panel="Conditions of the flight")
 _trial = partial(setting, rich_help_panel="Trials with errors")
 
 AsJson = Annotated[bool, option("Print one JSON document, and all else on stderr.", "--json")]
-Jobs = Annotated[int, option("Processes; -1 for all cores.")]
 Separation = Annotated[
     Literal["continuous", "nodes"], option("Keep craft apart at all times, or at the nodes only.")
 ]
@@ -165,13 +164,14 @@ class TuningSettings:
     device: Device = "auto"
     seed: int = setting("Of the search and of each training.", default=0)
     storage: Path | None = setting("Optuna's SQLite file; optuna.db beside mlflow.db by default.")
+    memory: ClassVar[float] = TrainingSettings.memory
 
 
 @dataclass(frozen=True)
 class WorkerSettings:
-    """The processes that do the work, here or on a Dask cluster."""
+    """The processes that do the work."""
 
-    jobs: Jobs = -1
+    jobs: int = setting("Processes; -1 for all cores.", default=-1)
     backend: Literal["loky", "dask"] = setting(
         "Where workers run: this machine, or a Dask cluster.", default="loky"
     )
@@ -298,8 +298,7 @@ class InertialFiles:
 
         if self.initial is None or self.goal is None:
             raise InputError(
-                "--initial or --goal is missing; expected both where one of these or --chief is "
-                "given."
+                "--initial or --goal is missing; expected both with either of them or --chief."
             )
         _check_drag(self)
         try:
@@ -364,11 +363,12 @@ class OrbitPlace:
         given = {k: v for k, v in vars(self).items() if v is not None and k not in left_out}
         return Conditions(**given, j2=not self.no_j2).sized(R_EARTH + altitude)
 
-    def at(self, orbit: "ReferenceOrbit") -> "OrbitPlace":
-        """This place with an orbit's osculating angles, or with none where there is no epoch."""
-        known = None if self.epoch is None else orbit
-        angles: dict[str, Any] = {name: getattr(known, name, None) for name in ANGLES}
-        return replace(self, **angles)
+    def fields(self, orbit: "ReferenceOrbit | None") -> dict[str, Any]:
+        """What is known of the place, as in a file; of an orbit, its osculating angles."""
+        if orbit is not None and self.epoch is None:
+            return {}
+        known = {"epoch": self.epoch, **{k: getattr(orbit or self, k) for k in ANGLES}}
+        return {name: value for name, value in known.items() if value is not None}
 
 
 ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "none"]
@@ -406,23 +406,14 @@ class RiskSettings:
         """The limit on the risk, if any; InputError where it or the errors are missing."""
         from pipeline.plan import RiskLimit
 
-        given = {
-            name: value
-            for name, value in vars(self).items()
-            if value is not None and value is not False  # 0 is given, too
-        }
+        # 0 is given, too.
+        given = {k: v for k, v in vars(self).items() if v is not None and v is not False}
         if not given:
             return None
-        if [*given] == ["closed_loop"]:
-            raise InputError(
-                "--closed-loop is given without --risk; expected the probability that craft may "
-                "come too close with it, such as --risk 1e-3 --navigation-sigma 0.2."
-            )
         if self.asked is None:
-            what = "a sigma is" if self.errors is None else "--errors is"
             raise InputError(
-                f"{what} given without --risk; expected the probability that craft may come too "
-                "close with it, such as --risk 1e-3."
+                f"--{next(iter(given)).replace('_', '-')} is given without --risk; expected the "
+                "probability that craft may come too close with it, such as --risk 1e-3."
             )
         if self.errors is not None:
             from pipeline.flight.errors import PRESETS

@@ -76,7 +76,6 @@ def train(
 def _trained(
     arch: str, seed: int, settings: TrainingSettings, *, several: bool, resume: bool
 ) -> dict[str, Any]:
-    """Train a network, or find it trained before; say so, and return it for programs."""
     from cli.jobs.train import train_model, trained_before
 
     title = f"training {arch} ({settings.recipe})" + (f", seed {seed}" if several else "")
@@ -93,7 +92,6 @@ def _trained_at_once(
     *,
     resume: bool,
 ) -> list[dict[str, Any]]:
-    """Train networks on workers, but for those that were trained before; say so of each."""
     from cli.jobs.train import train_models, trained_before
     from cli.jobs.training import AskedTraining
 
@@ -109,7 +107,6 @@ def _trained_at_once(
 
 
 def _told(version: "ModelVersion", contest: "Contest | None", *, earlier: bool) -> dict[str, Any]:
-    """Say what came of a training, and return it for programs."""
     names = ("best_epoch", "valid_position_rmse", "training_seconds")
     epoch, rmse, seconds = (version.metrics.get(name, float("nan")) for name in names)
     echo(

@@ -5,23 +5,17 @@ from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError, check_kind, check_range
-from pipeline.flight.conditions import Conditions, conditions_of, world_of
+from pipeline.errors import check_kind, check_range
+from pipeline.flight.conditions import Conditions, world_of
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
-from pipeline.flight.loops import (
-    MOST_SIGMAS,
-    SIGMAS,
-    flight_loops,
-    fly_loops,
-    refuse_replanning,
-)
+from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, fly_loops, refuse_replanning
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario.scenario import FURTHEST
-from prolearn.planning import planner_from
+from prolearn.planning import conditions_about, planner_from
 
 
 def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
@@ -40,7 +34,7 @@ def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
     """
     check_kind("plan", plan, Plan)
     check_kind("conditions", conditions, Conditions | None)
-    return effects(plan.scenario, plan.controls, _conditions(plan, conditions))
+    return effects(plan.scenario, plan.controls, conditions_about(plan.scenario, conditions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,21 +95,10 @@ def monte_carlo(
     planner, with_feedback = None, replan == "feedback"
     if replan is not None:
         refuse_replanning(plan, with_feedback=with_feedback)
-    if replan is not None and not with_feedback:
-        planner = planner_from(replan, plan.requirements)
-    world = world_of(asked, _conditions(plan, conditions))
+        planner = None if with_feedback else planner_from(replan, plan.requirements)
+    world = world_of(asked, conditions_about(asked, conditions))
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     flown = fly_loops(asked, world, errors, loops, trials, seed)
     radius = asked.problem.collision_radius
     summaries = tuple(summarize(loop, flown[loop.name], radius, size) for loop in loops)
     return MonteCarlo(plan, size, flown, summaries)
-
-
-def _conditions(plan: Plan, given: Conditions | None) -> Conditions:
-    """Those given, or the usual ones about the scenario's reference orbit."""
-    if given is not None and plan.scenario.problem.orbit is not None:
-        raise InputError(
-            "the plan has a reference orbit of its own; expected no conditions with it: leave them "
-            "out."
-        )
-    return conditions_of(plan.scenario, given)

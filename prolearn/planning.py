@@ -51,7 +51,8 @@ def plan(
     check_kind("world", world, Conditions | bool)
     refuse_formations(scenario, allow_drift=allow_drift)
     if world:
-        scenario = _in_world(scenario, world)
+        given = world if isinstance(world, Conditions) else None
+        scenario = in_world(scenario, conditions_about(scenario, given))
     asked = Requirements(separation, passive_safety, risk)
     options: dict[str, Any] = {"effort": effort, "raw": raw, "assignment": assignment}
     chosen = planner_from(planner, asked, **options)
@@ -63,14 +64,14 @@ def plan(
     return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
 
 
-def _in_world(scenario: Scenario, world: Conditions | bool) -> Scenario:
-    """The scenario about its own orbit, or the orbit of the conditions."""
-    if isinstance(world, Conditions) and scenario.problem.orbit is not None:
+def conditions_about(scenario: Scenario, given: Conditions | None) -> Conditions:
+    """The conditions given, or the usual ones; InputError beside an orbit of the scenario's own."""
+    if given is not None and scenario.problem.orbit is not None:
         raise InputError(
-            "world has conditions and the scenario an orbit of its own; expected world=True, or a "
-            "scenario without an orbit."
+            "there are conditions and the scenario has an orbit of its own; expected one of them: "
+            "leave the conditions out, or, to plan for that orbit, give world=True."
         )
-    return in_world(scenario, conditions_of(scenario, None if world is True else world or None))
+    return conditions_of(scenario, given)
 
 
 def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -> list[Plan]:

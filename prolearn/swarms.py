@@ -6,7 +6,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
-import numpy as np
+from pydantic_core import to_jsonable_python
 
 from pipeline.arrays import Array
 from pipeline.errors import check_kind
@@ -179,15 +179,7 @@ def scenario_from_files(
 
 
 def _end(given: Any) -> Any:
-    if isinstance(given, list | tuple) and any(isinstance(one, Mapping) for one in given):
-        return {"rings": [_plain(one) for one in given]}
-    return _plain(given)
-
-
-def _plain(given: Any) -> Any:
-    """Numpy values as plain numbers and lists, at any depth."""
-    if isinstance(given, np.generic | np.ndarray):
-        return given.tolist()
-    if isinstance(given, Mapping):
-        return {name: _plain(value) for name, value in given.items()}
-    return [_plain(one) for one in given] if isinstance(given, list | tuple) else given
+    """Rings or states as in a file, without numpy's arrays and numbers."""
+    plain = to_jsonable_python(given, fallback=lambda one: getattr(one, "tolist", one.__repr__)())
+    rings = isinstance(plain, list) and any(isinstance(one, Mapping) for one in plain)
+    return {"rings": plain} if rings else plain

@@ -91,8 +91,7 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     plans = [one for one in found if isinstance(one, Plan)]
     if not found or len(found) not in (len(points), len(plans)):
         raise InputError(
-            f"there is nothing to plot in {brief(what)}; expected a plan, plans, a trade-off, or "
-            "a Monte Carlo."
+            f"nothing to plot in {brief(what)}; expected plans, a trade-off, or a Monte Carlo."
         )
     if points:
         scenario = points[0].plan.scenario

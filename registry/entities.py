@@ -14,7 +14,6 @@ from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param
 from pipeline.text import public, public_url, visible
 
 TRAINING_DATA, EVALUATION_DATA = "training", "evaluation"  # what MLflow calls a dataset's use
-
 _WHOLE = re.compile(r"-?[0-9]{1,15}")
 
 

@@ -13,12 +13,8 @@ from pipeline.networks.recipes import code_of_others, distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
-
-LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")
-"""Packages that a registered model needs to be loaded."""
-
-MADE_WITH = "made_with"
-"""Tag with the versions, ours and others', that decide what a run gives, as JSON."""
+LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")  # what registered models need
+MADE_WITH = "made_with"  # tag with the versions, ours and others', that decide a run, as JSON
 
 TRAINED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "networks", "training")),

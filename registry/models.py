@@ -21,14 +21,9 @@ from registry.store import TRAINING, Store, opened
 
 PREFIX = "prolearn-"
 CHAMPION = "champion"
-
-CONTEST = "contest"
-"""Tag of a version that says how its comparison with the champion ended, once it was made."""
-
+CONTEST = "contest"  # tag of a version: how its comparison with the champion ended
 WEIGHTS = "weights"  # tag of a version with its model's digest
-
 FORMS = "ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI"
-
 NETWORK_PATH = "data/network"  # where the network's folder lies inside a logged model
 
 PARAM_OF_FIELD = {field.name: field.name for field in fields(Recipe)} | {
@@ -39,9 +34,7 @@ PARAM_OF_FIELD = {field.name: field.name for field in fields(Recipe)} | {
 
 _NOT_THERE = {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE"}
 _OURS = f"name LIKE '{PREFIX}%'"
-
-_left_out: set[tuple[str, str]] = set()
-"""Stores, and the warnings on their versions that were given."""
+_left_out: set[tuple[str, str]] = set()  # stores, and the warnings on their versions already given
 
 
 @dataclass(frozen=True)
@@ -60,8 +53,7 @@ class ModelVersion:
     params: Mapping[str, str] = field(repr=False)  # of the run
     # latest values of the run, evaluations included
     metrics: Mapping[str, float] = field(repr=False)
-    # of the run, such as the versions of what it was made with
-    tags: Mapping[str, str] = field(repr=False)
+    tags: Mapping[str, str] = field(repr=False)  # of the run, such as versions of packages
     contest: str = ""  # how the comparison with the champion ended; empty where none was made
     weights: str = ""  # digest of the model; empty where an earlier version registered it
 
@@ -110,10 +102,7 @@ def recipe_params(recipe: Recipe) -> dict[str, Any]:
 
 
 def table_names(versions: Sequence[ModelVersion]) -> dict[str, str]:
-    """By URI, what tables call the networks of some versions: their architecture.
-
-    With the version, where an average over seeds would be over different trainings.
-    """
+    """Names in tables by URI: architectures, with versions where trainings differ beyond seeds."""
     names = {}
     for version in versions:
         alike = [v for v in versions if v.label == version.label]
@@ -132,11 +121,12 @@ def list_versions() -> list[ModelVersion]:
 def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVersion]:
     """The newest training of each architecture, recipe and seed.
 
-    Of an architecture and recipe only trainings on the same data with the same settings as the
-    newest count. With digests of data, by swarm size, only those trained on it.
+    Only those that differ from the newest of their recipe in nothing but the seed. With digests of
+    data, by swarm size, only those trained on it.
     """
-    wanted = set(digests.items()) if digests is not None else None
-    versions = [v for v in list_versions() if wanted is None or (v.n, v.dataset_digest) in wanted]
+    versions = [
+        v for v in list_versions() if digests is None or digests.get(v.n) == v.dataset_digest
+    ]
     keys = {(v.arch, v.recipe): v.training_key for v in versions}
     newest = {
         (v.arch, v.recipe, v.training_seed): v
@@ -147,7 +137,7 @@ def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVers
 
 
 def resolve(reference: str) -> ModelVersion:
-    """The version that a reference means, with all that is known about it.
+    """The version that a reference means.
 
     ``lstm2`` is the champion of prolearn-lstm2, ``lstm2:paper`` its newest version trained by
     that recipe, ``lstm2@ALIAS`` and ``lstm2/3`` one version; the registered name
@@ -191,7 +181,7 @@ def set_champion(version: ModelVersion) -> ModelVersion:
 
 
 def note_contest(version: ModelVersion, outcome: str) -> None:
-    """Note that a version was compared with the champion, and how that ended."""
+    """Record how the comparison of a version with the champion ended."""
     with opened(create=False) as store:
         number = str(version.version)
         store.client.set_model_version_tag(version.name, number, CONTEST, outcome)
@@ -265,34 +255,29 @@ def _find(store: Store, reference: str) -> ModelVersion:
     )
     if match is None:
         raise InputError(f"The model is given as {reference!r}; expected {FORMS}.")
+    name, mark, rest = match.groups("")
     try:
-        found = _search(store, match[1], match[2] or "", match[3] or "")
+        if found := _search(store, name, mark, rest):
+            return found
     except MlflowException as error:
         if error.error_code not in _NOT_THERE:
             raise
-        found = None
-    if found is None:
-        versions, name = _versions(store), _registered(match[1])
-        alike = ", ".join(str(v.version) for v in versions if v.name == name)
-        if alike and (match[2] or "@", match[3] or CHAMPION) == ("@", CHAMPION):
-            raise InputError(
-                f"{name} has no champion; expected one, or the number of a version: make one of "
-                f"its versions ({alike}) the champion with `prolearn models promote {name} "
-                "--version V`."
-            )
-        known = ", ".join(
-            f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})" for v in versions
-        )
+    versions, name = _versions(store), _registered(name)
+    alike = ", ".join(str(v.version) for v in versions if v.name == name)
+    if alike and (mark or "@", rest or CHAMPION) == ("@", CHAMPION):
         raise InputError(
-            f"There is no model {reference!r} in the registry; expected {FORMS}, of which there "
-            f"are {known or 'none yet'}: train one with `prolearn train --arch ARCH --recipe "
-            "RECIPE`."
+            f"{name} has no champion; expected one, or the number of a version: make one of its "
+            f"versions ({alike}) the champion with `prolearn models promote {name} --version V`."
         )
-    return found
+    known = [f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})" for v in versions]
+    raise InputError(
+        f"There is no model {reference!r} in the registry; expected {FORMS}, of which there are "
+        f"{', '.join(known) or 'none yet'}: train one with `prolearn train --arch ARCH --recipe "
+        "RECIPE`."
+    )
 
 
 def _registered(name: str) -> str:
-    """Name of the registered model, given that name or the architecture's."""
     return name if name.startswith(PREFIX) else PREFIX + name
 
 

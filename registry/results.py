@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,7 @@ from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.store import EVALUATION, Store, connect, opened, recorded_run
 
 LISTED = 5  # most runs that an error message names
-
-SEQUENCE = "sequence"
-"""Tag with a run's number among those of its experiment, from 1, with leading zeros."""
-
+SEQUENCE = "sequence"  # tag with a run's number in its experiment, from 1, with leading zeros
 DIGITS = 9
 LAST = 10**DIGITS - 1  # greatest number there is; runs that share one are ordered by their clocks
 AT_ONCE = 20  # runs that are asked for at once; the newest are wanted most
@@ -79,8 +77,8 @@ def record(
 ) -> str:
     """Record the results of an experiment, a table with a row for each trial; the run's id.
 
-    The content of the folder ``files`` becomes the run's artifacts ``files/``; the dataset is
-    folder and digest of that whose test split was used. ``made_by`` is what decides the results.
+    The content of the folder ``files`` goes with it; the dataset is folder and digest of that
+    whose test split was used.
     """
     content = {TABLE: table_bytes(table)}
     for path in files.glob("*.npz") if files else ():
@@ -113,7 +111,6 @@ def earlier_run(
     """The newest finished run of an experiment, where it had these parameters and versions.
 
     ``kind`` names the parameters that tell kinds of runs apart, of which the newest counts.
-    ``progress`` is told where a run was made with other versions or is damaged.
     """
     wanted = entities.recorded(params)
     run = latest(experiment, {name: wanted[name] for name in kind})
@@ -143,22 +140,18 @@ def latest(
 
 def evaluation(run_id: str | None = None) -> Run:
     """An evaluation: the newest, or the one of a run; InputError where there is none."""
-    with opened(create=False) as store:
-        if run_id is None:
-            if newest := next(_finished(store, EVALUATION), None):
-                return newest
-            raise InputError(
-                f"There is no finished run of {EVALUATION} in the tracking store; expected one: "
-                "run `prolearn evaluate` first."
-            )
-        known = {run.run_id: run for run in _finished(store, EVALUATION)}
-    if run_id not in known:
-        there = ", ".join([*known][:LISTED]) or "none"
+    if found := latest(EVALUATION, fits=lambda run: run_id in (None, run.run_id)):
+        return found
+    if run_id is None:
         raise InputError(
-            f"There is no finished evaluation {run_id!r}; expected the run of one, newest first: "
-            f"{there}."
+            f"there is no finished {EVALUATION}; expected one: run `prolearn evaluate` first."
         )
-    return known[run_id]
+    with opened(create=False) as store:
+        known = [run.run_id for run in islice(_finished(store, EVALUATION), LISTED)]
+    raise InputError(
+        f"There is no finished evaluation {run_id!r}; expected the run of one, newest first: "
+        f"{', '.join(known) or 'none'}."
+    )
 
 
 def experiment_run(run_id: str) -> Run:
@@ -200,7 +193,6 @@ def unusable_file(run: Run, name: str, why: object) -> InputError:
 
 
 def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
-    """A file of a run, downloaded and, where the run has its digest, checked."""
     place = {"run_id": run.run_id, "artifact_path": name, "dst_path": str(scratch)}
     try:
         path = Path(mlflow.artifacts.download_artifacts(**place, tracking_uri=store.uri))
@@ -208,8 +200,7 @@ def _fetched(store: Store, run: Run, name: str, scratch: Path) -> Path:
     except Exception as error:  # of any kind: where files are, each cloud's library has its own
         raise ProlearnError(
             f"{name} of run {run.run_id} of {run.experiment} cannot be fetched ({error}); restore "
-            "the file, or run the experiment again; where the project was moved, see "
-            "docs/mlflow.md."
+            "it, or run the experiment again; where the project was moved, see docs/mlflow.md."
         ) from error
     if digest != run.tags.get(DIGEST + name, digest):
         raise unusable_file(run, name, "its SHA-256 is not the recorded one")
@@ -227,8 +218,8 @@ def _finished(
             if _number(found):
                 yield run
             else:
-                others.append((found.info.start_time, run))
-    yield from (run for _, run in sorted(others, key=lambda one: one[0], reverse=True))
+                others.append(run)
+    yield from sorted(others, key=lambda run: run.created, reverse=True)
 
 
 def _next_number(store: Store, experiment: str) -> str:
@@ -261,7 +252,6 @@ def _runs(store: Store, experiment: str, **query: Any) -> Iterator[Any]:
 
 
 def _number(run: Any) -> int:
-    """A run's number; 0 where it has none."""
     text = run.data.tags.get(SEQUENCE, "")
     return int(text) if re.fullmatch(f"[0-9]{{{DIGITS}}}", text) else 0
 
@@ -280,11 +270,8 @@ def unfinished_parts(
     With ``resume`` those of an earlier run are used where settings, versions and machine are the
     same; else they are removed. InputError where another process is doing the same.
     """
-    settings = {
-        **decided_by,
-        "made_with": dict(made_with(*made_by)),
-        "machine": platform.node(),
-    }
+    versions = dict(made_with(*made_by))
+    settings = {**decided_by, "made_with": versions, "machine": platform.node()}
     text = json.dumps(settings, sort_keys=True, default=str).encode()
     name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
     place = connect().beside / UNFINISHED

@@ -49,6 +49,7 @@ EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS)
 TUNING = "prolearn-tuning"  # made when it is first needed: ``opened(TUNING)``
 REACH_SECONDS = 4.0  # how long a tracking server may take to say anything at all
 
+# Settings of MLflow for this process, where the user has chosen none
 PROCESS_DEFAULTS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
@@ -58,16 +59,10 @@ PROCESS_DEFAULTS = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "MLFLOW_UV_AUTO_DETECT": "false",
 }
-"""Settings of MLflow for this process, where the user has chosen none."""
-
-LOCK_SECONDS = 120.0
-"""How long another process may take to set up a fresh store; a few seconds is usual."""
-
+LOCK_SECONDS = 120.0  # that another process may take to set up a fresh store; a few are usual
 WRITER = "writer."  # prefix of the tag that has the token of a process that writes a run
-
+# What MLflow raises where a store fails, or its files are where it cannot reach them
 FAILURES = (MlflowException, SQLAlchemyError, OSError, ImportError)
-"""What MLflow raises where a store fails, or its files are where it cannot reach them."""
-
 ADVICE = "move it away, or set MLFLOW_TRACKING_URI to another file"
 
 
@@ -86,10 +81,7 @@ class Store:
 
     @property
     def locks(self) -> tuple[Path, str]:
-        """Folder and prefix of the lock files of processes that write runs.
-
-        They are beside an SQLite store, else in this machine's temporary folder.
-        """
+        """Folder and prefix of the lock files of processes that write runs."""
         if self.uri.startswith("sqlite:"):
             path = database_path(self.uri).resolve()
             return path.parent / "mlruns" / ".running", f"{path.name}-"
@@ -116,7 +108,7 @@ def connect(*more: str, create: bool = True) -> Store:
 
 @contextmanager
 def opened(*more: str, create: bool = True) -> Iterator[Store]:
-    """The tracking store for as long as the block lasts; its failures become a ProlearnError."""
+    """The tracking store, whose failures in the block become a ProlearnError."""
     store = connect(*more, create=create)
     with explained(store.uri):
         yield store
@@ -174,7 +166,6 @@ def _close(client: Any, name: str) -> None:
 
 
 def _prepare_process() -> None:
-    """MLflow's settings for this process; what the user has set stays."""
     for name, value in PROCESS_DEFAULTS.items():
         os.environ.setdefault(name, value)
     set_telemetry_client()  # reads its switch anew
@@ -313,8 +304,7 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
     Migrations of a fresh file collide when several processes start them at once. Without ``create``
-    a file beside which no lock can be made is read without. InputError where the file is missing
-    and not to be made, or is no store of MLflow.
+    a file beside which no lock can be made is read without.
     """
     if not path.exists():
         if not create:
@@ -351,8 +341,7 @@ def check_database(path: Path) -> None:
         ) from error
     if tables and not tables & {"experiments", "alembic_version"}:
         raise InputError(
-            f"{path} is an SQLite database of something else; expected a tracking store of "
-            f"MLflow: {ADVICE}."
+            f"{path} is an SQLite database of something else; expected MLflow's: {ADVICE}."
         )
 
 

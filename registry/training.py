@@ -13,7 +13,6 @@ import mlflow
 import numpy as np
 import pandas as pd
 from mlflow.exceptions import MlflowException
-from safetensors import safe_open
 
 from pipeline.documents import parsed
 from pipeline.errors import InputError, ProlearnError
@@ -30,20 +29,13 @@ from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.training.loop import Trained
 from registry import entities, models
-from registry.environment import (
-    TRAINED_BY,
-    environment_tags,
-    requirements,
-    with_architectures,
-)
+from registry.environment import TRAINED_BY, environment_tags, requirements, with_architectures
 from registry.pyfunc import SIGNATURE
 from registry.store import TRAINING, Store, opened, recorded_run
 
 CURVES = ("train_loss", "valid_loss")
-
+# Parameters without which no training can be recorded
 NEEDED = ("arch", "recipe", "dataset", "dataset_digest", "train_instances", "valid_instances")
-"""Parameters without which no training can be recorded."""
-
 ALL = "all"  # instances that were mixed, where all were in memory
 RECORD = "training.json"  # file with the record, beside a network that is kept
 LATEST = 2**63 - 1  # latest time that a store keeps, ms
@@ -113,23 +105,20 @@ def record_training(
     dataset: DatasetInfo,
     metrics: Mapping[str, SupportsFloat] | None = None,
 ) -> models.ModelVersion:
-    """Record a training in MLflow and register its network as ``prolearn-<arch>``.
+    """Record a training and register its network as ``prolearn-<arch>``, the first as champion.
 
-    The first version of a model becomes its champion. Where the store fails, the network is kept
-    in ``unregistered/``, as the ProlearnError says.
+    Where the store fails, the network is kept in ``unregistered/``, as the ProlearnError says.
     """
     with scratch_folder() as scratch:
         folder = scratch / "network"
         save(trained.model, folder)
-        weights = folder / WEIGHTS_FILE
-        with safe_open(weights, framework="numpy") as stored:
-            arrays = [stored.get_slice(name) for name in stored.keys()]  # noqa: SIM118
-            count = sum(math.prod(array.get_shape()) for array in arrays)
-        measured = {**(metrics or {}), "weights_kib": weights.stat().st_size / 1024}
+        kib = (folder / WEIGHTS_FILE).stat().st_size / 1024
+        measured = {**(metrics or {}), "weights_kib": kib}
         of = record_of(trained, recipe=recipe, seed=seed, dataset=dataset, metrics=measured)
         made_by = with_architectures(TRAINED_BY, [trained.model.architecture])
-        params, tags = {**of.params, "parameters": count}, environment_tags(made_by)
-        record = replace(of, params=params, tags=tags)
+        count = sum(weights.numel() for weights in trained.model.network.state_dict().values())
+        params = {**of.params, "parameters": count}
+        record = replace(of, params=params, tags=environment_tags(made_by))
         try:
             return _register(folder, trained.model, record)
         except ProlearnError as error:
@@ -150,13 +139,12 @@ def register_kept(folder: Path) -> models.ModelVersion:
 
 
 def _register(folder: Path, model: Model, record: TrainingRecord) -> models.ModelVersion:
-    """Record and register the network saved in a folder, which lies in a temporary one."""
     arch, params = model.architecture, record.params
     with opened() as store:
         name = f"{arch}-{params['recipe']}"
         with recorded_run(store, TRAINING, name, record.tags) as run_id:
             facts = {k: params[k] for k in ("train_instances", "valid_instances")}
-            used = (params["dataset"], params["dataset_digest"], entities.TRAINING_DATA, facts)
+            used = params["dataset"], params["dataset_digest"], entities.TRAINING_DATA, facts
             store.client.log_inputs(run_id, [entities.dataset_input(*used)])
             curves = entities.curve_metrics(record.history)
             store.client.log_batch(run_id, metrics=curves, params=entities.params_of(params))
@@ -197,7 +185,6 @@ def _keep(folder: Path, record: TrainingRecord) -> Path:
 
 
 def _read_record(path: Path) -> TrainingRecord:
-    """The record in a file that ``_keep`` wrote; InputError where it cannot be read or is none."""
     try:
         record = TrainingRecord(**parsed(path.read_bytes()))
         if not all([*(record.params[name] for name in NEEDED), record.history["number"]]):
@@ -224,7 +211,6 @@ def _log_curves(store: Store, run_id: str, record: TrainingRecord) -> None:
 
 
 def _log_model(folder: Path, model: Model) -> str:
-    """Id of the model, logged into the run that is active."""
     example = draw("rings", seed=0, n=2, index=0, problem=model.problem)
     info = mlflow.pyfunc.log_model(
         name="model",
@@ -243,7 +229,6 @@ def _log_model(folder: Path, model: Model) -> str:
 def _new_version(
     store: Store, name: str, run_id: str, model_id: str, tags: Mapping[str, str]
 ) -> str:
-    """Number of a new version of a registered model, which is made where it is missing."""
     try:
         store.client.create_registered_model(name)
     except MlflowException as error:
@@ -262,8 +247,7 @@ def add_model_results(
 ) -> None:
     """Add an evaluation to a model's own training run, or warn where that run cannot take it.
 
-    Metrics are by step, then by name; the content of the folder becomes the run's artifacts
-    ``figures/``; the dataset is folder and digest of what it was evaluated on.
+    Metrics are by step, then by name; the dataset is its folder and digest.
     """
     with opened(create=False) as store:
         try:
@@ -317,7 +301,6 @@ def training_tables(versions: Sequence[models.ModelVersion]) -> tuple[pd.DataFra
 
 
 def _training_row(version: models.ModelVersion) -> dict[str, Any]:
-    """The facts in a version's run; None where they are missing or malformed."""
     params, metrics = version.params, version.metrics
     counts = ("parameters", "epochs", "train_instances")
     measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
@@ -333,8 +316,7 @@ def _training_row(version: models.ModelVersion) -> dict[str, Any]:
 
 
 def _epochs(store: Store, version: models.ModelVersion, name: str) -> list[EpochLosses]:
-    """The losses of a training; none where its run is gone."""
-    if not version.params:
+    if not version.params:  # its run is gone
         return []
     train, valid = (
         {m.step: m.value for m in store.client.get_metric_history(version.run_id, loss)}

@@ -14,7 +14,7 @@ from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_scenarios
-from pipeline.errors import InputError, check_choice
+from pipeline.errors import InputError, check_choice, check_whole
 from pipeline.experiments.example_transfer import example_transfer, write_example
 from pipeline.experiments.flights import check_flights, run_flights
 from pipeline.experiments.paper import LARGEST_SIZE, NETWORK_SIZE
@@ -30,7 +30,7 @@ from pipeline.experiments.trials import (
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.networks.device import torch_device
-from pipeline.networks.recipes import REFINER
+from pipeline.networks.recipes import MOST, REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.planners.classical import BASELINES, Expert
@@ -43,18 +43,11 @@ from registry.environment import EVALUATED_BY, with_architectures
 from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
-WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}
-"""Swarm sizes of experiment 3 where none are given, by optimizer."""
-
+WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}  # of swarms by default, by optimizer
 FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
-
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
-
-WEIGHTS_DIGITS = 16
-"""Hexadecimal digits kept of each weight digest: MLflow limits a parameter to 6000 characters."""
-
-SHORTEST = 4
-"""Nodes of the shortest transfer that is planned anew: with fewer, the goal leaves no choice."""
+WEIGHTS_DIGITS = 16  # kept of each model's digest: MLflow limits a parameter to 6000 characters
+SHORTEST = 4  # nodes of the shortest transfer planned anew: with fewer, the goal leaves no choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +71,8 @@ class HeldOut:
     ) -> Done:
         """Run and record an experiment; with ``resume``, go on with an earlier run, or return it.
 
-        ``params`` are parameters beside the settings, or in place of those that they leave open.
-        ``make`` makes the table, a row for each trial, keeps its parts, and writes files to a
-        folder. ``kind`` names settings that tell kinds of the experiment's runs apart.
+        ``params`` are parameters beside the settings. ``make`` makes the table, a row for each
+        trial. ``kind`` names settings that tell kinds of the experiment's runs apart.
         """
         weights = [network.model.digest for network in self.networks]
         params = {
@@ -110,15 +102,13 @@ def held_out(
     arch: str = "",
     device: str | None = None,
 ) -> HeldOut:
-    """The test scenarios and networks of an experiment.
+    """The test scenarios of an experiment, of all sizes by default, and its networks.
 
-    Sizes are by default those of the dataset, networks the newest trained on it, of one
-    architecture alone if given, and refiners plan on a device if given. InputError for models or
-    sizes that cannot take part.
+    InputError for models or sizes that cannot take part.
     """
     data, trials = settings.data, settings.trials
-    if trials is not None and trials < 1:
-        raise InputError(f"trials is {trials}; expected at least 1.")
+    if trials is not None:
+        check_whole("trials", trials, 1, MOST)
     manifest, scenarios = read_manifest(data), {}
     for n in sizes or sorted(manifest.samples):
         found = solved_scenarios(data, n, "test")
@@ -133,7 +123,7 @@ def held_out(
 
 
 def check_device(name: str | None, workers: Workers | None) -> None:
-    """Refuse a torch device that workers of this machine would not have with an InputError."""
+    """Refuse a torch device that workers of this machine would not have."""
     if name is not None and (workers is None or workers.scheduler is None):
         torch_device(name)
 
@@ -151,8 +141,7 @@ def evaluate(
     progress: Progress = SILENT,
 ) -> Done:
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
-    if settings.timed < 0:
-        raise InputError(f"timed is {settings.timed}; expected 0 or more trials to time.")
+    check_whole("timed", settings.timed, 0, MOST)
     check_device(settings.device, workers)
     sizes = None if settings.sizes is None else int_list(settings.sizes)
     ground = held_out(settings, sizes, device=settings.device)
@@ -185,8 +174,7 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
     ground = held_out(settings, int_list(sizes))
     scenarios = ground.scenarios
-    networks = ground.networks
-    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in networks}
+    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in ground.networks}
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = list(scenarios.values())
@@ -212,7 +200,6 @@ def transfer_times(
     varied = variations(scenarios[0].problem, nodes, time_steps)
 
     def planners(problem: Problem) -> list[EvaluatedPlanner]:
-        """Experts and baselines, which plan for any problem, and the networks that fit it."""
         fitting = classical_planners()
         for network in ground.networks:
             with suppress(InputError):  # its weights are for another T

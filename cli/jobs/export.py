@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from pipeline.errors import InputError
 from pipeline.files import write_text
@@ -23,6 +22,7 @@ from registry.training import model_metric_by_size
 PACKAGED = "packaged"  # the refiner that comes with the package, which is in no registry
 Measured = Mapping[str, Mapping[int, float]]  # metrics of experiment 2 by name, then by swarm size
 
+# Metrics of experiment 2 in the card, with their headings
 BY_SIZE = {
     "exp2_flown_safe_share": "safe share",
     "exp2_flown_collisions": "node collisions",
@@ -31,17 +31,8 @@ BY_SIZE = {
     "exp2_predicted_collisions": "as predicted: node collisions",
     "exp2_predicted_boundary_error": "as predicted: miss of the ends, m",
 }
-"""Metrics of experiment 2 in the card, with their headings."""
-
 STATE = "x y z (m), vx vy vz (m/s)"
 HELD = "x y z (m/s²), held constant over each interval"
-
-
-class ExportedModel(NamedTuple):
-    """What was measured of an exported ONNX file, or of a refiner's folder of them; its card."""
-
-    file: Exported | ExportedCraft
-    card: Path
 
 
 def file_name(version: ModelVersion | None) -> str:
@@ -57,13 +48,12 @@ def export(
     *,
     n: int | None = None,
     flown: bool = False,
-) -> ExportedModel:
-    """Export a registered model or the packaged refiner (None) as ONNX, its card as ``<out>.md``.
+) -> tuple[Exported | ExportedCraft, Path]:
+    """Export a registered model or the packaged refiner (None) as ONNX, with its card beside it.
 
-    A refiner becomes a folder of files, named as the file would be but without ``.onnx``, and takes
-    neither n nor ``flown``. Other files are for n craft, by default any number that the
-    architecture answers for; ``flown`` projects predictions onto transfers that can be flown.
-    ProlearnError where a file does not answer as the model does.
+    A refiner becomes a folder of files, and takes neither n nor ``flown``. Other files are for n
+    craft, by default any number that the architecture answers for; ``flown`` projects predictions
+    onto transfers that can be flown. ProlearnError where a file does not answer as the model does.
     """
     model, version = (load_network(FOLDER), None) if reference is None else load(reference)
     names = () if version is None else ("uri", "run_id", "dataset_digest")
@@ -85,8 +75,7 @@ def export(
         if n is not None or flown:
             raise InputError(
                 f"--n or --flown is given for {version.name if version else PACKAGED}; expected "
-                "neither: its files are those of one craft of any swarm, and give controls that "
-                "can be flown."
+                "neither: its files are for one craft of any swarm, and give controls to be flown."
             )
         path = path.with_suffix("") if path.suffix == ".onnx" else path
         made = export_craft(model, path, about=about)
@@ -97,7 +86,7 @@ def export(
         text = _model_card(version, model, made, measured, digest)
     card = path.with_name(path.name + ".md")
     write_text(card, text)
-    return ExportedModel(made, card)
+    return made, card
 
 
 def _model_card(
@@ -197,7 +186,6 @@ def _training(version: ModelVersion | None, model: Model) -> Markdown:
 
 
 def _by_size(measured: Measured) -> Markdown:
-    """A row for each swarm size; empty where nothing was measured."""
     measured = {name: by_n for name, by_n in measured.items() if by_n}
     if not measured:
         return Markdown()

@@ -5,20 +5,22 @@ from pathlib import Path
 
 import pandas as pd
 
+from cli.jobs.planner import planner_of
 from cli.settings import FlownTrials
 from pipeline.errors import InputError, check_range
 from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
+from pipeline.flight.conditions import Conditions, world_of
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops
+from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, refuse_replanning
 from pipeline.flight.montecarlo import TrialSettings, fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
-from pipeline.flight.world import World
+from pipeline.flight.world import LinearWorld, World
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Plan
-from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
+from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
 
 TABLE, FIGURE = "trials.csv", "trials"  # names of the files beside the trials
@@ -26,17 +28,22 @@ TABLE, FIGURE = "trials.csv", "trials"  # names of the files beside the trials
 
 def fly_trials(
     plan: Plan,
-    world: World,
+    conditions: Conditions,
     errors: Errors,
     out: Path,
     settings: FlownTrials,
     *,
     workers: Workers,
-    planner: Planner | None = None,
     progress: Progress = SILENT,
 ) -> Sequence[Summary]:
     """Fly a plan many times into a folder, in further loops replanned; a summary of each loop."""
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
+    world = _world(scenario, conditions, settings)
+    with_feedback, planner = settings.replan == "feedback", None
+    if settings.replan != "none":
+        refuse_replanning(plan, with_feedback=with_feedback)
+    if settings.replan == "every-node":
+        planner = planner_of(settings.planner, plan.requirements, settings.effort)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
     check_range("--size", size, 0.0, FURTHEST)
@@ -44,7 +51,6 @@ def fly_trials(
     check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)
     refuse_distance(scenario, plan.controls)
     of = TrialSettings(scenario, world, errors, settings.seed)
-    with_feedback = settings.replan == "feedback"
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius
@@ -53,6 +59,16 @@ def fly_trials(
     title = f"{scenario.headline}, {trials} trials in the {settings.world} world"
     save(trials_figure(tables, radius, size, title), out / FIGURE)
     return summaries
+
+
+def _world(scenario: Scenario, conditions: Conditions, settings: FlownTrials) -> World:
+    if settings.world == "nonlinear":
+        return world_of(scenario, conditions)
+    if settings.device is None:
+        return LinearWorld(scenario.problem.dynamics)
+    from pipeline.networks.device import torch_device
+
+    return LinearWorld(scenario.problem.dynamics, str(torch_device(settings.device)))
 
 
 def _write_table(summaries: Sequence[Summary], path: Path) -> None:

@@ -7,7 +7,7 @@ from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.networks.recipes import architecture_names
 from pipeline.plan import AT_ALL_TIMES, Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
-from pipeline.planners.named import NAMES, named_planner
+from pipeline.planners.named import NAMES, named_planner, refuse_effort, with_expert
 from pipeline.planners.planner import Planner
 
 
@@ -44,14 +44,20 @@ def planner_of(
         found = named_planner(name, requirements, effort=effort, raw=raw)
         if found is None:
             _refuse_unknown(name)  # before what the registry lacks, or what is not installed
-            from cli.jobs.networks import model_planner
+            if raw:
+                refuse_effort(effort)
+            from registry.models import load
 
-            found = model_planner(name, requirements, effort=effort, raw=raw)
+            model, version = load(name)
+            # After MLflow, which is in the extra that has all of it.
+            from pipeline.planners.network import NetworkPlanner
+
+            network = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)
+            found = network if raw else with_expert(network, effort)
     return GoalAssignment(found) if assignment == "optimal" else found
 
 
 def _refuse_unknown(reference: str) -> None:
-    """Raise InputError for the name of no planner and no architecture."""
     name = re.split(r"[@:/]", reference.removeprefix("models:/"))[0].removeprefix("prolearn-")
     known = architecture_names()
     if name not in known and not reference.startswith("models:/m-"):

@@ -24,9 +24,7 @@ from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, u
 from registry.store import FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import training_tables
 
-EVALUATED = "Experiments 1 and 2, examples"
-"""Name of the evaluation itself among the parts of a report."""
-
+EVALUATED = "Experiments 1 and 2, examples"  # name of the evaluation among a report's parts
 DATA = ("dataset_digest",)
 SAME = (*DATA, "models")  # parameters that a run must share with the evaluation to be in its report
 
@@ -41,7 +39,7 @@ class Part:
     same: Sequence[str] = SAME  # parameters that it must share with the evaluation
 
 
-PARTS = {
+PARTS = {  # by name
     **{
         f"Experiment 3, {name}": Part(
             WARMSTART, f"prolearn warmstart --optimizer {name}", {"optimizer": name}
@@ -52,7 +50,6 @@ PARTS = {
     # Of the networks, those alone take part whose plans can be made anew on the way.
     "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
 }
-"""By name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +142,7 @@ def _models_of(run: Run) -> list[ModelVersion]:
 def _without_faulty(
     parts: Mapping[str, Found], examples: Sequence[Example]
 ) -> tuple[dict[str, Found], list[str]]:
-    """Parts and models that make a report, notes on others; InputError without an evaluation."""
+    """Parts and models that make a report, and notes on others."""
 
     def fault(beside: Mapping[str, Found], models: Sequence[ModelVersion] = ()) -> str:
         """The error that a report of some sources ends with; empty where it can be made."""
@@ -215,9 +212,8 @@ def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
 
 
 def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
-    """A row for each run that a table of the report comes from."""
     rows = [
-        _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""), "data")
+        _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""))
         for name, part in parts.items()
     ]
     versions = {version.uri: version for part in parts.values() for version in part.models}
@@ -228,15 +224,13 @@ def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _provenance_row(
-    part: str, run: Run | ModelVersion, digest: str, data: str = "dataset"
-) -> dict[str, str]:
+def _provenance_row(part: str, run: Run | ModelVersion, digest: str) -> dict[str, str]:
     tags = run.tags
     return {
         "part": part,
         "run": run.run_id,
         "made": _day(run),
-        "data": run.params.get(data, ""),
+        "data": run.params.get("data" if isinstance(run, Run) else "dataset", ""),
         "digest": digest,
         "code": tags.get("git_commit", tags.get("prolearn_version", "")),
         "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),

@@ -26,6 +26,7 @@ from registry.results import TABLE, Run, experiment_run, table_of, unusable_file
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import add_model_results
 
+# The averages that a model's run has, by the name of its metric
 COMPARED = {
     "collisions": columns.COLLISIONS,
     "collisions_max": columns.MOST_COLLISIONS,
@@ -36,11 +37,7 @@ COMPARED = {
     "dynamics_error": columns.DYNAMICS,
     "seconds": columns.SECONDS,
 }
-"""The averages that a model's run has, by the name of its metric."""
-
-ERRORS = (columns.BOUNDARY, columns.DYNAMICS)
-"""Averages of predictions alone: flown plans have no such errors but rounding."""
-
+ERRORS = (columns.BOUNDARY, columns.DYNAMICS)  # of predictions alone; of flown plans, rounding
 
 KINDS: Mapping[str, tuple[str, Callable[[pd.DataFrame], pd.DataFrame]]] = {
     EVALUATION: ("trials", summarize),

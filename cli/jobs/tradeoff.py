@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from cli.settings import Tradeoff
-from pipeline.errors import InputError
 from pipeline.figures.style import save
 from pipeline.files import refuse_unwritable, write_rows
 from pipeline.plan import summary
@@ -41,8 +40,6 @@ def trade(
     A row is a plan's summary with ``duration`` (s), ``nodes``, ``time_step``,
     ``delta_v_lower_bound``, whether it is the ``knee``, and the file of the ``plan`` or None.
     """
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out is the file {out}; expected a folder.")
     for file in (out / TABLE, out / PLANS / PLAN):
         refuse_unwritable(file)
     scenario = read_checked(path, allow_drift=settings.allow_drift)

@@ -45,8 +45,7 @@ def trained_before(
 
     It counts only if its data streamed, or did not, as they would now, and for a device that the
     settings name only if it was trained there. Where its training was killed before it was
-    compared with the champion, it is now, and the outcome is returned. Progress is told of a
-    version trained by other versions of the code. InputError for unknown names.
+    compared with the champion, it is now, and the outcome is returned.
     """
     recipe, manifest = training.followed_recipe(arch, seed, settings), read_manifest(settings.data)
     wanted = {
@@ -92,11 +91,7 @@ def _mixed(version: ModelVersion, recipe: Recipe, buffer: int) -> str:
 def train_model(
     arch: str, seed: int, settings: TrainingSettings, progress: Progress = SILENT
 ) -> tuple[ModelVersion, Contest]:
-    """Train a network, register the model, and compare it with the champion.
-
-    The seed is that of weights, order, dropout and fresh scenarios. A ProlearnError says where
-    the loss diverges or the tracking store fails.
-    """
+    """Train a network, register the model, and compare it with the champion."""
     asked = training.AskedTraining.of(arch, seed, settings)
     data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after
@@ -110,20 +105,18 @@ def train_models(
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order asked.
 
-    Workers read the data where the settings say. This process registers each network as soon as it
-    is done, and compares them with champions at the end.
+    Each network is registered as soon as it is done, and compared with its champion at the end.
     """
     progress.expect(len(asked))
     connect()
     made_by = with_architectures(TRAINED_BY, (task.arch for task in asked))
     one = partial(training.train_in_worker, made_by, made_with(*made_by))
     done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
-    tasks = list(enumerate(asked))
-    with closing(workers.work(one, tasks, lambda _: b"", progress)) as results:
-        for (number, task), finished in results:
-            done[number] = _record(task, finished), finished.trials
+    with closing(workers.work(one, asked, lambda _: None, progress)) as results:
+        for task, finished in results:
+            done[asked.index(task)] = _record(task, finished), finished.trials
             progress.done(note=f"{task.arch}, seed {task.seed}")
-    found = [(*done[number], task.settings.data) for number, task in tasks]
+    found = [(*done[k], task.settings.data) for k, task in enumerate(asked)]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
@@ -170,8 +163,7 @@ def promote(
 ) -> tuple[ModelVersion, str]:
     """Make a version the champion of its registered model; the champion now, and why.
 
-    The validation split of the data decides, by default of what the version was trained on;
-    with ``force`` nothing is compared. An InputError says why it does not become it.
+    The validation split of the data decides, by default of what the version was trained on.
     """
     version = models.resolve(f"{name}/{number}")
     champion = models.champion_of(version.name)
@@ -183,16 +175,12 @@ def promote(
         better, reason = _compared(version, mine, champion, where)
     except InputError as error:
         raise InputError(
-            f"version {version.version} of {version.name} and the champion, version "
-            f"{champion.version}, cannot be compared "
-            f"({str(error).rstrip('.')}); expected a dataset that both fit: give --data, or "
-            "--force."
+            f"{version.name} version {version.version} and the champion, version "
+            f"{champion.version}, cannot be compared ({str(error).rstrip('.')}); expected a "
+            "dataset that both fit: give --data, or --force."
         ) from error
     if not better:
-        raise InputError(
-            f"{reason}; expected a version that does better: give --force to promote it all "
-            "the same."
-        )
+        raise InputError(f"{reason}; expected a better version, or --force to promote it anyway.")
     return models.set_champion(version), reason
 
 

@@ -1,7 +1,7 @@
 """Trainings, and trials of a search, as tasks of workers, which import nothing of MLflow."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 
 import pandas as pd
 
@@ -29,7 +29,7 @@ MEMORY = (1e-9, 1e6)  # least and most that examples may take, GB
 COMPARED_ON = 500  # validation scenarios that versions are compared on
 
 
-def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
+def followed_recipe(arch: str, seed: int, settings: TrainingSettings | TuningSettings) -> Recipe:
     """The recipe with the fields that the settings change; InputError for any that is none."""
     check_range("seed", seed, 0, SEEDS - 1)
     given = {field.name: getattr(settings, field.name, None) for field in fields(Recipe)}
@@ -39,41 +39,30 @@ def followed_recipe(arch: str, seed: int, settings: TrainingSettings) -> Recipe:
 
 @dataclass(frozen=True)
 class AskedTraining:
-    """A training as a task of a worker: network, seed, settings, and digest of the data."""
+    """A training as a task of this process or a worker; also a trial of a search."""
 
     arch: str
+    recipe: Recipe
     seed: int
-    settings: TrainingSettings
-    digest: str
+    settings: TrainingSettings | TuningSettings
+    digest: str  # of the data
+    number: int = 0  # of a trial in its study
 
     @classmethod
-    def of(cls, arch: str, seed: int, settings: TrainingSettings) -> "AskedTraining":
+    def of(
+        cls, arch: str, seed: int, settings: TrainingSettings | TuningSettings
+    ) -> "AskedTraining":
         """The training on the data as they are now; InputError where there are none."""
         check_range("memory in GB", settings.memory, *MEMORY)
-        digest = read_manifest(settings.data).digest(settings.n)
-        return cls(arch, seed, settings, digest)
+        recipe = followed_recipe(arch, seed, settings)
+        return cls(arch, recipe, seed, settings, read_manifest(settings.data).digest(settings.n))
 
-    @property
-    def recipe(self) -> Recipe:
-        """The recipe that it follows."""
-        return followed_recipe(self.arch, self.seed, self.settings)
-
-    def examples(self, progress: Progress) -> Sources:
+    def examples(self, progress: Progress = SILENT) -> Sources:
         """What it learns from, and what decides which weights are kept."""
         how, memory = self.settings, self.settings.memory * 1e9
         return sources(
             self.recipe, how.data, how.n, seed=self.seed, memory=memory, progress=progress
         )
-
-
-@dataclass(frozen=True)
-class AskedTrial:
-    """A trial as a task of a worker."""
-
-    number: int  # in its study
-    recipe: Recipe
-    settings: TuningSettings
-    digest: str  # of the data
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,36 +72,57 @@ class FinishedTraining:
     trained: Trained
     instances: tuple[int, int]  # of training and of validation
     error: float  # of positions on validation data, m
-    trials: pd.DataFrame  # flown on validation scenarios, columns of Trial
+    # flown on validation scenarios, columns of Trial; none of a search
+    trials: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
 def train_in_worker(
-    made_by: DecidedBy, expected: Mapping[str, str], task: tuple[int, AskedTraining], _: bytes
+    made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining, _: None
 ) -> FinishedTraining:
-    """In a worker: a training; ProlearnError where versions or data differ from those asked for."""
+    """In a worker: a training."""
+    _check(made_by, expected, asked)
+    return train_and_fly(asked, asked.examples())
+
+
+def train_trial(
+    made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining, data: Sources | None
+) -> FinishedTraining | None:
+    """In a worker: the training of a trial, which is not flown; None where the loss diverges."""
+    _check(made_by, expected, asked)
+    given = data or asked.examples()
+    try:
+        return _trained(asked, given)
+    except InputError:
+        raise
+    except ProlearnError:
+        return None
+
+
+def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining) -> None:
+    """In a worker: refuse other versions or data than those that the work was asked for."""
     check_worker(expected, made_by)
-    asked = task[1]
-    check_data(asked.settings.data, asked.settings.n, asked.digest)
-    return train_and_fly(asked, asked.examples(SILENT), SILENT)
-
-
-def check_data(data: Where, n: int, digest: str) -> None:
-    """In a worker: ProlearnError where the data differ from those that the work was asked for."""
-    if read_manifest(data).digest(n) != digest:
+    data = asked.settings.data
+    if read_manifest(data).digest(asked.settings.n) != asked.digest:
         raise ProlearnError(
             f"{public_url(data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
 
 
-def train_and_fly(asked: AskedTraining, data: Sources, progress: Progress) -> FinishedTraining:
+def train_and_fly(
+    asked: AskedTraining, data: Sources, progress: Progress = SILENT
+) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
-    how, seed, (learn, valid) = asked.settings, asked.seed, data
+    finished, how = _trained(asked, data, progress), asked.settings
+    return replace(finished, trials=validation_trials(finished.trained.model, how.data, how.n))
+
+
+def _trained(asked: AskedTraining, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
+    (learn, valid), device = data, asked.settings.device
     of = asked.arch, asked.recipe, learn, valid
-    trained = train(*of, seed=seed, device=how.device, progress=progress)
-    trials = validation_trials(trained.model, how.data, how.n)
+    trained = train(*of, seed=asked.seed, device=device, progress=progress)
     error = position_rmse(trained.model, valid)
-    return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
+    return FinishedTraining(trained, (len(learn), len(valid)), error)
 
 
 def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
@@ -123,21 +133,3 @@ def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
     flown = EvaluatedPlanner(NetworkPlanner(model, model.architecture))
     (table,) = run_trials([Comparison([flown], scenarios)])
     return table
-
-
-def train_trial(
-    made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTrial, data: Sources | None
-) -> FinishedTraining | None:
-    """In a worker: the training of a trial, which is not flown; None where the loss diverges."""
-    check_worker(expected, made_by)
-    how, recipe = asked.settings, asked.recipe
-    check_data(how.data, how.n, asked.digest)
-    learn, valid = data or sources(recipe, how.data, how.n, seed=how.seed)
-    try:
-        trained = train(how.arch, recipe, learn, valid, seed=how.seed, device=how.device)
-    except InputError:
-        raise
-    except ProlearnError:
-        return None
-    error = position_rmse(trained.model, valid)
-    return FinishedTraining(trained, (len(learn), len(valid)), error, pd.DataFrame())

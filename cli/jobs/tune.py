@@ -11,18 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from mlflow.exceptions import MlflowException
 
-from cli.jobs.training import AskedTrial, FinishedTraining, Sources, train_trial
+from cli.jobs.training import AskedTraining, FinishedTraining, Sources, train_trial
 from cli.settings import TuningSettings
-from pipeline.dataset.manifest import read_manifest
 from pipeline.errors import InputError, ProlearnError, check_range
-from pipeline.networks.architecture import find, recipe_for, unused_fields
+from pipeline.networks.architecture import find, unused_fields
 from pipeline.networks.device import torch_device
-from pipeline.networks.recipes import MOST, Recipe
+from pipeline.networks.recipes import MOST
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with
-from pipeline.scenario.families import SEEDS
-from pipeline.training.data import sources
 from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
@@ -34,20 +31,16 @@ if TYPE_CHECKING:
     from optuna import Study
 
 STORAGE = "optuna.db"
-
-OBJECTIVES = (POSITION_RMSE, "best_valid_loss")
-"""Metrics of a training that a search may make small, as its architecture says."""
-
+OBJECTIVES = (POSITION_RMSE, "best_valid_loss")  # that an architecture may ask a search to lessen
 PARENT = "mlflow_run_id"  # under this name a study remembers its MLflow run
 
 
 @dataclass(frozen=True)
 class RecipeSearch:
-    """A search: its settings, the recipe that trials start from, its data, and where it is kept."""
+    """A search: its settings, the training that trials vary, and where it is kept."""
 
     settings: TuningSettings
-    recipe: Recipe
-    digest: str  # of the data
+    asked: AskedTraining
     store: Store
     path: Path  # Optuna's SQLite file
 
@@ -70,11 +63,11 @@ class RecipeSearch:
     @property
     def name(self) -> str:
         """Name of the study, the same for the same data, code, kind of device and seed."""
-        how, r = self.settings, self.recipe
+        how, r = self.settings, self.asked.recipe
         code = json.dumps(dict(made_with(*self.made_by)), sort_keys=True)
         versions = hashlib.sha256(code.encode()).hexdigest()[:8]
         run = f"{r.epochs}ep-{torch_device(how.device)}-seed{how.seed}"
-        return f"{how.arch}-{r.name}-n{how.n}-{run}-{self.digest[:12]}-{versions}"
+        return f"{how.arch}-{r.name}-n{how.n}-{run}-{self.asked.digest[:12]}-{versions}"
 
 
 @dataclass(frozen=True)
@@ -102,35 +95,31 @@ def tune(
 ) -> Tuned:
     """Search until so many trials, earlier ones too, are complete; ProlearnError if none is.
 
-    Trials are the same for any workers, by default this process. Other workers read the data
-    where the settings say; this process alone writes.
+    Trials are the same for any workers, by default this process, which alone writes.
     """
     workers = workers or Workers(1)
     check_range("trials", settings.trials, 1, MOST)
     check_range("trials drawn at once", settings.at_once, 1, MOST)
-    check_range("seed", settings.seed, 0, SEEDS - 1)
     if settings.at_once == 1 and workers.scheduler is None and workers.jobs != 1:
         raise InputError(
             f"jobs is {workers.jobs} and trials are drawn one by one, each from all before it; "
             "expected several that are drawn together, such as --at-once 5, or one job."
         )
-    recipe = recipe_for(settings.arch, settings.recipe)
-    recipe = recipe if settings.epochs is None else replace(recipe, epochs=settings.epochs)
+    asked = AskedTraining.of(settings.arch, settings.seed, settings)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
-    drawn = recipe if alone else replace(recipe, crowded=0)
-    examples = sources(drawn, settings.data, settings.n, seed=settings.seed)
-    digest = read_manifest(settings.data).digest(settings.n)
+    drawn = asked if alone else replace(asked, recipe=replace(asked.recipe, crowded=0))
+    examples = drawn.examples()
     with opened(TUNING) as store:
         path = (settings.storage or store.beside / STORAGE).absolute()
-        search = RecipeSearch(settings, recipe, digest, store, path)
+        search = RecipeSearch(settings, asked, store, path)
         objective, tags = search.objective, environment_tags(search.made_by)
         with open_study(path, search.name) as study:
             known = _parent_of(study, store)
             with recorded_run(store, TUNING, search.name, tags, again=known) as run_id:
                 if known is None:
                     study.set_user_attr(PARENT, run_id)
-                    params = params_of({"arch": settings.arch, "recipe": recipe.name})
+                    params = params_of({"arch": settings.arch, "recipe": asked.recipe.name})
                     store.client.log_batch(run_id, params=params)
                 _search(study, search, workers, examples if alone else None, run_id, progress)
             if not (trials := complete(study)):
@@ -160,7 +149,8 @@ def _search(
     progress: Progress,
 ) -> None:
     """Make the trials that are left; this process has the data, or each worker reads them."""
-    how, unused = search.settings, unused_fields(find(search.settings.arch))
+    how, recipe = search.settings, search.asked.recipe
+    unused = unused_fields(find(how.arch))
     metric = "best_" + search.objective.removeprefix("best_")
     unit = " m" if search.objective == POSITION_RMSE else ""
     one = partial(train_trial, search.made_by, made_with(*search.made_by))
@@ -172,7 +162,7 @@ def _search(
         left -= count
         with drawn_trials(study, search.path, count, seed=how.seed, unused=unused) as drawn:
             tasks = [
-                AskedTrial(number, replace(search.recipe, **fields), how, search.digest)
+                replace(search.asked, recipe=replace(recipe, **fields), number=number)
                 for number, fields in drawn.items()
             ]
             with closing(workers.work(one, tasks, lambda _: data, progress)) as results:
@@ -189,19 +179,18 @@ def _search(
 
 
 def _record(
-    asked: AskedTrial, found: FinishedTraining | None, study: "Study", search: RecipeSearch
+    asked: AskedTraining, found: FinishedTraining | None, study: "Study", search: RecipeSearch
 ) -> None:
     """Record a trial as a nested MLflow run and in its study; one that diverged has failed."""
     store, tags, how = search.store, environment_tags(search.made_by), asked.settings
     with explained(store.uri):
         with recorded_run(store, TUNING, f"trial-{asked.number}", tags) as run_id:
             if found:
-                dataset = DatasetInfo(how.data, asked.digest, *found.instances)
                 record = record_of(
                     found.trained,
                     recipe=asked.recipe,
-                    seed=how.seed,
-                    dataset=dataset,
+                    seed=asked.seed,
+                    dataset=DatasetInfo(how.data, asked.digest, *found.instances),
                     metrics={POSITION_RMSE: found.error},
                 )
                 store.client.log_batch(

@@ -79,7 +79,7 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
         (["solve", "DATA", "--jobs", "0"], "jobs is 0"),
         (["solve", "DATA", "--backend", "dask"], "--scheduler tcp://HOST:8786"),
         (["solve", "DATA", "--scheduler-wait", "60"], "expected it with --backend dask"),
-        (["solve", "DATA", "--scheduler", "tcp://h:1"], "--scheduler is tcp://h:1 and work on"),
+        (["solve", "DATA", "--scheduler", "tcp://h:1"], "--scheduler is given and work on this"),
         (["solve", "DATA", "--shared"], "--shared is given and work on this machine has no sched"),
         (["solve", "DATA", *DASK, "--jobs", "2"], "--jobs is given beside --backend dask"),
         (["dataset", "--backend", "loky", "--scheduler", "tcp://h:1"], "it with --backend dask"),

@@ -1,5 +1,6 @@
 """Several trainings and trials at once, on processes of this machine and on a Dask cluster."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,7 @@ def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
 def test_a_worker_that_reads_other_data_is_refused(
     how: TrainingSettings,
 ) -> None:
-    asked = [AskedTraining("ff1", seed, how, "0" * 64) for seed in (0, 1)]
+    asked = [replace(AskedTraining.of("ff1", k, how), digest="0" * 64) for k in (0, 1)]
     with pytest.raises(ProlearnError, match="other data on a worker"):
         train_models(asked, Workers(jobs=1))
 
