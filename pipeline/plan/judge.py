@@ -7,17 +7,15 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, States
-from pipeline.orbit.nonlinear import clear_in_world, fly_in_world, least_adrift_in_world
+from pipeline.orbit.arrays import Controls
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import Separation
 from pipeline.orbit.thrust_cost import exceeds
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
-from pipeline.plan.certificate import Certificate, Flights, PassiveSafety, certify
+from pipeline.plan.certificate import Certificate, PassiveSafety, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario import Scenario, shared_problem
 
 # What a craft does that is beyond its limits
 EXCEEDS = {
@@ -57,18 +55,18 @@ def planned_all(
     """
     if not scenarios:
         return []
-    started, flights = perf_counter(), None
-    problem = shared_problem(scenarios)
-    controls = np.concatenate([one.controls for one in made])
+    started, problem = perf_counter(), shared_problem(scenarios)
+    controls, flights = np.concatenate([one.controls for one in made]), []
     if as_flown:
-        states, flights = _flights(scenarios, made, requirements.passive_safety)
+        both = zip(scenarios, made, strict=True)
+        flights = [NonlinearFlight(s.initial, one.controls, problem) for s, one in both]
+        states = np.concatenate([flight.states for flight in flights])
     else:
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
     shares = [one.least_share for one in made]
-    flown_by = scenarios, states, controls
-    certificates = certify(*flown_by, bounds, requirements, flights, shares)
+    certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
@@ -79,29 +77,6 @@ def planned_all(
         plan = Plan(scenario, *made_so, separation=requirements.separation, as_flown=as_flown)
         plans.append(judged(plan))
     return plans
-
-
-def _flights(
-    scenarios: Sequence[Scenario], made: Sequence[Made], orbits: float | None
-) -> tuple[States, Flights]:
-    """Node states in the nonlinear flight, and how close craft come there, adrift as well."""
-    problem = scenarios[0].problem
-    of_each = [(s.initial, one.controls, problem) for s, one in zip(scenarios, made, strict=True)]
-    flights = [fly_in_world(*one) for one in of_each]
-    states, closest = [s for s, _ in flights], [apart for _, apart in flights]
-    alone = [side_by_side((s.n,)) for s in scenarios]
-    sized = any(s.sized for s in scenarios)
-    every = [participants([s]) for s in scenarios] if sized else []
-
-    def adrift(swarms: Sequence[SwarmPartition]) -> list[Separation]:
-        if orbits is None:
-            return []
-        each = zip(states, made, swarms, strict=True)
-        return [least_adrift_in_world(s, one.controls, problem, orbits, of) for s, one, of in each]
-
-    clear = [clear_in_world(*one, of) for one, of in zip(of_each, every, strict=False)]
-    clear_adrift = adrift(every) if sized else []
-    return np.concatenate(states), Flights(closest, adrift(alone), clear, clear_adrift)
 
 
 def planned(
@@ -216,11 +191,11 @@ def check_states(plan: Plan) -> None:
     """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
     problem, initial = plan.scenario.problem, plan.scenario.initial
     if plan.as_flown:
-        defect = (plan.states - fly_in_world(initial, plan.controls, problem)[0])[..., :3]
+        defect = plan.states - NonlinearFlight(initial, plan.controls, problem).states
     else:
-        defect = dynamics_defect(plan.states, plan.controls, problem)[..., :3]
-    start = (plan.states[:, 0] - initial)[:, :3]
-    off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
+        defect = dynamics_defect(plan.states, plan.controls, problem)
+    start = plan.states[:, 0] - initial
+    off = max(float(np.abs(one[..., :3]).max()) for one in (defect, start))
     if not off <= POSITION_TOLERANCE:
         over = "" if plan.as_flown else " over one interval"
         raise InputError(

@@ -21,7 +21,7 @@ from pipeline.expert.batch import Batch
 from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
-from pipeline.orbit.nonlinear import nodes_in_world
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import node_distances
@@ -246,7 +246,7 @@ def _meeting(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
     tried: list[tuple[float, Controls, States]] = []  # with what is missed, in GOAL_TOLERANCE
     while len(tried) <= MOST_CORRECTIONS:
         try:
-            states = nodes_in_world(scenario.initial, controls, problem)
+            states = NonlinearFlight(scenario.initial, controls, problem).states
         except ProlearnError:
             if not tried:
                 raise
