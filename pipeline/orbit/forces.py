@@ -48,13 +48,12 @@ class Atmosphere:
 
 def atmosphere_near(height: float) -> Atmosphere:
     """The layer of AIR of a height in m, continued to both sides; InputError below all of them."""
-    below = [layer for layer in AIR if layer[0] <= height]
-    if not below:
+    if height < AIR[0][0]:
         raise InputError(
             f"the reference orbit is {height / 1e3:.0f} km high; expected at least "
             f"{AIR[0][0] / 1e3:.0f} km for drag: leave drag out."
         )
-    return Atmosphere(*below[-1])
+    return Atmosphere(*max(layer for layer in AIR if layer[0] <= height))
 
 
 def gravity_gradient(position: Vector, *, j2: bool) -> Float[Array, "*batch 3 3"]:

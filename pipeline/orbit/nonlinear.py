@@ -1,9 +1,8 @@
 """Motion about a reference in all terms of gravity, J2 and drag, by collocation.
 
-A craft's state obeys the linear equations with one acceleration more: that by which the forces on
-it differ from those on the reference and their gradient. It is of second order in the distance, so
-that fixed-point iteration over whole transfers converges in a few steps, each of which evaluates
-the forces on all craft and at all times at once (Picard iteration by Chebyshev points: Bai and
+A craft's state obeys the linear equations with one acceleration more, by which forces on it differ
+from those on the reference and their gradient. It is of second order in the distance: fixed-point
+iteration over whole transfers, for all craft and times at once, converges in a few steps (Bai and
 Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation").
 """
 
@@ -15,18 +14,11 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
+from pipeline.orbit import chebyshev
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, OfCraft, States
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.chebyshev import (
-    COEFFICIENTS,
-    INTEGRAL,
-    ITERATIONS,
-    NODES,
-    POINTS,
-    ROUNDING,
-    basis,
-)
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
@@ -37,24 +29,21 @@ from pipeline.orbit.separation import Separation
 
 CONVERGED = 1e-9  # largest change of a position in the last iteration, m, or ROUNDING where far
 WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
-
 AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # share of an interval under which a rest of a drift is rounding
-
-Ballistics = OfCraft  # C_D A/m of each craft, m²/kg
 
 
 def flown_arcs(
     dynamics: LinearizedDynamics,
     initial: Formation,
     controls: Float[Array, "n K 3"],
-    ballistics: Ballistics,
+    ballistics: OfCraft,
     first: int = 0,
 ) -> Float[Array, "n K M q 6"]:
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
-    The first control is that of an interval of the plan. ProlearnError where craft are so far from
-    the reference that it does not converge, or come inside the Earth.
+    Ballistics are C_D A/m, m²/kg. The first control is of that interval of the plan. ProlearnError
+    where craft are so far from the reference that it does not converge, or come inside the Earth.
     """
     orbit, count = dynamics.orbit, controls.shape[1]
     parts = ceil(orbit.fastest * dynamics.time_step / WINDOW)
@@ -112,11 +101,8 @@ class NonlinearFlight:
         return least_inside(_pieces(self.arcs), faces, 0.0, self.problem.duration)
 
     def deviation(self, states: States) -> float:
-        """Upper bound on its distance from linear motion that starts at each node's state, m.
-
-        Of any craft at any time, by the sum of the absolute Chebyshev coefficients of the
-        difference.
-        """
+        """Upper bound on its distance from linear motion that starts at each node's state, m."""
+        # Of any craft at any time, by the sum of the difference's absolute Chebyshev coefficients.
         arcs, dynamics = self.arcs[..., :3], self.problem.dynamics
         pieces = arcs.shape[2]
         share = (np.arange(pieces)[:, None] + (1 + NODES) / 2).ravel() / pieces
@@ -201,13 +187,12 @@ def _window(
     orbit: ReferenceOrbit,
     start: Formation,
     controls: Float[Array, "n K 3"],
-    ballistics: Ballistics,
+    ballistics: OfCraft,
 ) -> Float[Array, "n K M q 6"]:
     """States at all points of some arcs, from states at the start of the first interval."""
-    linear = _linear(arcs, start, controls)
-    flown = linear
-    enough = max(CONVERGED, ROUNDING * float(np.abs(linear[..., :3]).max()))
-    for _ in range(ITERATIONS):
+    flown = linear = _linear(arcs, start, controls)
+    enough = max(CONVERGED, chebyshev.ROUNDING * float(np.abs(linear[..., :3]).max()))
+    for _ in range(chebyshev.ITERATIONS):
         added = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
         before, flown = flown, linear + added
         change = float(np.abs(flown - before)[..., :3].max())
@@ -255,7 +240,7 @@ def _added(arcs: Arcs, acceleration: Float[Array, "n K M q 3"]) -> Float[Array, 
 
 
 def _remainder(
-    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: Ballistics
+    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: OfCraft
 ) -> Float[Array, "n K M q 3"]:
     """Acceleration at LVLH states that the linear equations leave out, along LVLH axes, m/s²."""
     relative = arcs.frame.to_inertial(states)

@@ -103,12 +103,9 @@ class Problem:
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> "Problem":
         """The problem of such fields, as ``document`` gives them."""
-        fields = dict(document)
-        if orbit := document.get("orbit"):
-            fields["orbit"] = ReferenceOrbit(**orbit)
-        if thrust := document.get("thrust"):
-            fields["thrust"] = Thrust(**thrust)
-        return cls(**fields)
+        kinds = {"orbit": ReferenceOrbit, "thrust": Thrust}
+        given = [(name, kind) for name, kind in kinds.items() if document.get(name)]
+        return cls(**{**document, **{name: kind(**document[name]) for name, kind in given}})
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without a reference orbit and thrust where they are the default."""

@@ -78,14 +78,12 @@ def check_mean_motion(mean_motion: float) -> None:
         raise InputError(f"mean_motion is {mean_motion!r}; expected a number, in rad/s.")
     if not mean_motion > most:
         return
-    units = {"deg/s": radians(mean_motion), "revolutions a day": 2 * pi * mean_motion / 86400}
-    slow = mean_motion_at(GEOSTATIONARY)
-    hints = (
-        f": if it is in {unit}, give {value:.9g}"
-        for unit, value in units.items()
-        if slow / 2 <= value <= most
-    )
+    hint, slow = "", mean_motion_at(GEOSTATIONARY)
+    units = {"revolutions a day": 2 * pi * mean_motion / 86400, "deg/s": radians(mean_motion)}
+    for unit, value in units.items():
+        if slow / 2 <= value <= most:
+            hint = f": if it is in {unit}, give {value:.9g}"
     raise InputError(
         f"mean_motion is {mean_motion:g} rad/s, that of an orbit inside the Earth or its air; "
-        f"expected at most {most:.5g} rad/s{next(hints, '')}."
+        f"expected at most {most:.5g} rad/s{hint}."
     )

@@ -96,13 +96,11 @@ class ReferenceOrbit:
         spread: float = 0.0,
     ) -> "ReferenceOrbit":
         """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
-        found, latitude = Elements.of(state)
-        i, raan, perigee, u = (
-            degrees(angle)
-            for angle in (found.inclination, found.raan, found.argument_of_perigee, latitude)
-        )
+        found, u = Elements.of(state)
+        i, raan = degrees(found.inclination), degrees(found.raan)
+        angles = i, raan, degrees(found.argument_of_perigee), degrees(u)
         shape = found.semi_major_axis, found.eccentricity
-        return cls(*shape, i, raan, perigee, u, j2=j2, ballistic=ballistic, spread=spread)
+        return cls(*shape, *angles, j2=j2, ballistic=ballistic, spread=spread)
 
     @classmethod
     def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
@@ -208,11 +206,7 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
 
 
 def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Float[Array, "q 6"]:
-    """Change of the inertial state since the start of one piece of the orbit, at Chebyshev nodes.
-
-    The piece takes 2 ``half`` s. By modified Chebyshev-Picard iteration, as
-    ``pipeline.orbit.nonlinear``.
-    """
+    """Change of the inertial state in a piece of 2 ``half`` s, by Chebyshev-Picard iteration."""
     moved, held = np.zeros((POINTS, 6)), orbit.ballistic or 0.0
     for _ in range(ITERATIONS):
         before = moved[:, :3]

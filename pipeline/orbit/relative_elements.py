@@ -41,11 +41,10 @@ def ring_states(
 ) -> Formation:
     """LVLH states (m, m/s) at the first node of craft on a ring, as ``pro_states`` has it.
 
-    About a circle without perturbations they are those of ``pro_states``. About another orbit
-    they have the same relative elements, with which the ring is bounded: δe = a/2 at θ behind the
-    mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that along-track positions do not
-    drift on average over revolutions. The motion is then the ring's only as far as the orbit is
-    near to a circle.
+    About another orbit than a circle without perturbations they have the same relative elements:
+    δe = a/2 at θ behind the mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that
+    along-track positions do not drift on average over revolutions. So the ring is bounded, and the
+    motion the ring's only as far as the orbit is near to a circle.
     """
     orbit = problem.orbit
     ring = semi_major_axis, tilt, phase, cross_phase
@@ -57,11 +56,9 @@ def ring_states(
     behind = chief.longitude - phase
     e, i = semi_major_axis / 2 / size, semi_major_axis / 2 / size * np.tan(tilt)
     across = behind - cross_phase - np.pi / 2
-    columns = (
-        *(0.0, -e * np.cos(behind), -e * np.sin(behind), offset / size),
-        *(i * np.cos(across), i * np.sin(across)),
-    )
-    by = np.stack(np.broadcast_arrays(*columns), axis=-1)
+    shape = 0.0, -e * np.cos(behind), -e * np.sin(behind), offset / size
+    columns = np.broadcast_arrays(*shape, i * np.cos(across), i * np.sin(across))
+    by = np.stack(columns, axis=-1)
     craft = chief[np.zeros(len(by), dtype=int)].changed(by)  # the reference, once for every craft
     for _ in range(NEWTON):
         ahead = _relative_rate(orbit, craft.states(), mean)
@@ -74,8 +71,8 @@ def ring_states(
 def secular_drift(states: Formation, problem: Problem) -> OfCraft:
     """Along-track drift of LVLH states at the first node, m a revolution of a reference orbit.
 
-    By Kepler and to first order in J2, of positions averaged over revolutions. Of craft on quite
-    another orbit than the reference's, by their energy alone.
+    By Kepler and to first order in J2, of positions averaged over revolutions; by the energy alone
+    of craft on quite another orbit than the reference's.
     """
     orbit = problem.orbit
     assert orbit is not None
@@ -106,11 +103,10 @@ def _mean(orbit: ReferenceOrbit, osculating: Formation) -> Formation:
 def _relative_rate(
     orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]
 ) -> OfCraft:
-    """Secular rate of the along-track position, averaged over a revolution, m/s.
+    """Secular along-track rate of mean states about a mean reference, averaged, m/s.
 
-    Of mean states about a mean reference. A turn of the orbit in its plane, Δω + ΔΩ cos i, moves
-    a craft by that times r, of which the average is a (1 + e²/2); ΔM by a²√(1-e²)/r, on average
-    a √(1-e²).
+    A turn of the orbit in its plane, Δω + ΔΩ cos i, moves a craft by that times r, of which the
+    average is a (1 + e²/2); ΔM by a²√(1-e²)/r, on average a √(1-e²).
     """
     rates = zip(*(secular_rates(states, j2=orbit.j2) for states in (mean, reference)), strict=True)
     perigee, anomaly, node = (craft - its for craft, its in rates)

@@ -43,10 +43,8 @@ def energy_mismatch(states: AnyState, mean_motion: float) -> Scalar:
 
 
 def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
-    """Positions in m over one revolution of free drift through states on PROs.
-
-    None where they lie on none. The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
-    """
+    """Positions in m over one revolution of free drift through states on PROs; None if on none."""
+    # The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
     x, vy = states[:, 0], states[:, 4]
     mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0
     misfit = np.abs(energy_mismatch(states, mean_motion)).max()

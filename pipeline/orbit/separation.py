@@ -76,10 +76,8 @@ def least_separations(
     swarms: SwarmPartition,
     tolerance: float = TOLERANCE,
 ) -> list[Separation]:
-    """The least distance of any pair of each swarm at any time, in brackets so wide, m.
-
-    The least at the nodes bounds it from above, and is the least where rounding hides closer ones.
-    """
+    """The least distance of any pair of each swarm at any time, in brackets so wide, m."""
+    # The least at the nodes bounds it from above, and is it where rounding hides closer ones.
     least = _closest_at_nodes(states, problem, swarms)
     within = distances_of(least)
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)

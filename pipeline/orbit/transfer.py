@@ -38,16 +38,13 @@ class TransferMaps:
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
     """The maps of a problem, computed once."""
-    A, B = step_maps(problem)
-    T, m = problem.nodes, 3 * problem.intervals
-    drift = _powers(problem)
-    reach = np.zeros((T, 6, m))
+    (A, B), T, weight = step_maps(problem), problem.nodes, state_weight(problem)
+    reach = np.zeros((T, 6, 3 * (T - 1)))
     for t in range(1, T):
         reach[t] = A[t - 1] @ reach[t - 1]
         reach[t, :, 3 * (t - 1) : 3 * t] = B[t - 1]
-    weight = state_weight(problem)
     to_goal = np.linalg.pinv(weight[:, None] * reach[-1]) * weight
-    return TransferMaps(drift, reach, to_goal)
+    return TransferMaps(_powers(problem), reach, to_goal)
 
 
 @lru_cache(maxsize=32)
@@ -82,10 +79,8 @@ def _step(problem: Problem) -> tuple[Float[Array, "*K 6 6"], Float[Array, "*K 6 
 
 
 def has_one_plan(problem: Problem) -> bool:
-    """Whether any two states are joined by exactly one sequence of controls.
-
-    Two intervals have six components, as many as a state; singular at special steps only.
-    """
+    """Whether any two states are joined by exactly one sequence of controls."""
+    # Two intervals have six components, as many as a state; singular at special steps only.
     reach = transfer_maps(problem).reach[-1] * state_weight(problem)[:, None]
     return reach.shape == (6, 6) and float(np.linalg.cond(reach)) < REGULAR
 
@@ -109,8 +104,7 @@ def free_drift(
 ) -> tuple[States, Controls, Problem]:
     """Free drift over so many orbits: node states, zero controls and the problem they belong to.
 
-    It starts some s after the first node, which counts where the reference orbit is not a circle.
-    InputError where it takes longer than any transfer may.
+    It starts some s after the first node. InputError where it takes longer than any transfer may.
     """
     time, longest = orbits * 2 * np.pi / problem.mean_motion, RANGES["time_step"][1]
     if time > longest * (MOST_NODES - 1):
@@ -190,14 +184,11 @@ def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
 
 
 def with_coasts(controls: Controls, problem: Problem) -> Controls:
-    """The controls with exact zeros where only rounding is left; final states stay as they are.
-
-    Where what is dropped moves a craft's final state, its other controls make up for it; a craft
-    whose other controls cannot keeps what it has.
-    """
-    largest = np.abs(controls).max(axis=(1, 2), keepdims=True)
-    largest = np.maximum(largest, problem.evasive_control)
-    burns = np.abs(controls) > COAST * largest
+    """The controls with exact zeros where only rounding is left; final states stay as they are."""
+    # A craft's other controls make up for what is dropped; where they cannot, nothing is.
+    size = np.abs(controls)
+    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
+    burns = size > COAST * largest
     kept = np.where(burns, controls, 0.0)
     reach, weight = transfer_maps(problem).reach[-1], state_weight(problem)
     dropped = (controls - kept).reshape(len(controls), -1)

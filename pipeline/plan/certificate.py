@@ -79,11 +79,8 @@ class Risk:
         return replace(self, bound=risk.total, feedback=self.feedback and feedback)
 
     def judge(self, states: States, controls: Controls, problem: Problem) -> "Risk":
-        """The same claim about other states, m and m/s, and controls, m/s².
-
-        Between nodes motion is linear; craft count as larger by what states as flown, which are
-        not, are off that at any time until their next nodes.
-        """
+        """The same claim about other states, m and m/s, and controls, m/s²."""
+        # Craft count as larger by what their motion is off linear motion from node to node.
         closed_loop = self.feedback is not None
         off = 2 * float(norm(dynamics_defect(states, controls, problem)[..., :3]).max())
         if off > FINE and problem.orbit is not None:

@@ -33,20 +33,15 @@ FalseClaim = tuple[str, float, float, str]
 class Rechecked:
     """A plan as found anew from its controls, and what is wrong with it."""
 
-    # states, certificate and status found anew from the scenario and the controls; the lower bound
-    # on the fuel and how it was proven are as the file has them
-    plan: Plan
-    # whether no pair comes within r_col, at any time or at the nodes, whichever was asked, nor
-    # after a loss of thrust where that is claimed
-    safe: bool
+    plan: Plan  # found anew, but for the lower bound on the fuel and its proof
+    safe: bool  # whether craft stay apart and inside corridors, as far as asked or claimed
     faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
 
 
 def recheck(claimed: Plan) -> Rechecked:
     """Fly a plan's controls from its scenario's initial states and certify the outcome.
 
-    Controls too large for numbers are an InputError, and so is passive safety that is claimed for
-    no length of a drift or with separation at the nodes only.
+    InputError for controls too large for numbers, and for claims that no planner can be asked for.
     """
     problem, said = claimed.scenario.problem, claimed.certificate
     most = float(np.abs(claimed.controls).max())
@@ -115,17 +110,12 @@ def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClai
 def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
     """The least separations, in flight and after a loss of thrust, and the bounds below them."""
     for name in (part for least in DISTANCES for part in (least, f"{least}_bound")):
-        theirs, ours = (_field(one, name) for one in (said, found))
+        both: tuple[Any, Any] = said, found
+        for part in name.split("."):
+            both = getattr(both[0], part, None), getattr(both[1], part, None)
+        theirs, ours = both
         if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
             yield name, theirs, ours, " m"
-
-
-def _field(certificate: Certificate, name: str) -> Any:
-    """A field by its name, parts of which dots separate; None where a part is not there."""
-    found: Any = certificate
-    for part in name.split("."):
-        found = getattr(found, part, None)
-    return found
 
 
 def _false_of_thrust(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:

@@ -52,9 +52,8 @@ class GoalAssignment(PlannerWrapper):
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.
 
-        The certificate's lower bound on the fuel is that of all assignments. Where it is proven
-        that every assignment asks more of some craft than its thrust limit, the plan is
-        INFEASIBLE, and of the given order.
+        The certificate's lower bound on the fuel is that of all assignments. Where every one is
+        proven to ask too much of some craft, the plan is INFEASIBLE, and of the given order.
         """
         if not scenarios:
             return []
@@ -119,14 +118,11 @@ class _Candidates:
             self.first = next(ranked(self.allowed), None)
 
     def others(self) -> list[Slots]:
-        """Assignments that may be better than the first's plan: the next best, and the given order.
-
-        None where that plan is safe and not dear, and none whose decoupled costs are more.
-        """
+        """Assignments that may be better than the first's plan: the next best, and the given."""
+        # None where that plan is safe and not dear, and none whose decoupled costs are more.
         if self.first is None:
             return []
-        plan, craft = self.tried[self.first], range(self.scenario.n)
-        least = plan.certificate.fuel if plan.status == SOLVED else np.inf
+        craft, least = range(self.scenario.n), _fuel(self.tried[self.first])
         if self._gap(least, self.costs.of(self.first)) <= LARGE_GAP:
             return []
         asked = dict.fromkeys([*self.ranking[1:], self.given])
@@ -137,11 +133,7 @@ class _Candidates:
     def best(self, seconds: float) -> Plan:
         """The cheapest safe plan, or else the first tried; the search took so many seconds."""
         tried = self.tried
-        fuel = {
-            one: plan.certificate.fuel if plan.status == SOLVED else np.inf
-            for one, plan in tried.items()
-        }
-        slots = min(fuel, key=lambda one: fuel[one])  # of equals the first tried
+        slots = min(tried, key=lambda one: _fuel(tried[one]))  # of equals the first tried
         timing = {**tried[slots].timing, "assignment": seconds}
         for name in TIMES:
             timing[name] = sum(plan.timing.get(name, 0.0) for plan in tried.values())
@@ -183,3 +175,8 @@ class _Candidates:
             given_fuel_lower_bound=given if np.isfinite(given) else None,
             saving=1 - fuel / given if known and plan.status == SOLVED else None,
         )
+
+
+def _fuel(plan: Plan) -> float:
+    """Fuel of a plan, m/s²; infinite where it is not SOLVED."""
+    return plan.certificate.fuel if plan.status == SOLVED else np.inf
