@@ -62,10 +62,7 @@ def _checksum(fields: Mapping[str, Any]) -> str:
 
 
 def read_document(path: Path, kind: type[Document], what: str) -> Document:
-    """The document of a kind in a file, or in standard input for -.
-
-    The InputError where it cannot be read, or a field is wrong, says ``what`` it is meant to be.
-    """
+    """The document of a kind in a file, or stdin for -; InputErrors say ``what`` is expected."""
     try:
         content = read_bytes(path, MOST_BYTES + 1).removeprefix(BOM_UTF8)
     except OSError as error:

@@ -235,8 +235,7 @@ def least_inside(
 ) -> Nearest:
     """How far craft stay inside of corridors at any time of an arc that is given as in ``nearest``.
 
-    In each trial the least distance inside of a face, below 0 outside, with the craft and the
-    number of the corridor as ``first`` and ``second``. Each stretch that counts is cut into cubics.
+    Of each trial, below 0 outside, with craft and number of the corridor as ``first``, ``second``.
     """
     trials, pieces = len(states), states.shape[2]
     length = duration / pieces

@@ -17,15 +17,11 @@ NO_BURN = 1e-9
 
 # Largest errors, SI: beyond any with which craft would be flown near each other
 MOST = {
-    **dict.fromkeys(("position", "position_bias", "semi_major_axis"), 1e3),
+    **dict.fromkeys(("position", "position_bias", "semi_major_axis", "timing"), 1e3),
     **dict.fromkeys(("velocity", "velocity_bias", "magnitude_fixed", "direction_fixed"), 10.0),
     **dict.fromkeys(("magnitude", "direction", "magnitude_bias", "direction_bias"), 0.3),
-    "timing": 1e3,
+    **dict.fromkeys(("latency", "impulse_bit", "missed", "lost"), 1.0),
     "navigation_time": 1e7,
-    "latency": 1.0,
-    "impulse_bit": 1.0,
-    "missed": 1.0,
-    "lost": 1.0,
 }
 
 
@@ -71,8 +67,8 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         fields_as_python(self)
-        for field in fields(self):
-            check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])
+        for name, value in vars(self).items():
+            check_range(name, value, 0.0, MOST[name])
         if self.latency not in (0, 1):
             raise InputError(
                 f"latency is {self.latency:g}; expected 0 or 1, the intervals by which states are "
@@ -151,10 +147,9 @@ def navigation_roots(
     """Roots of the covariances of known states, m and m/s: of what is new at a node, and bias."""
     noise = np.diag(np.repeat([uncertainty.position, uncertainty.velocity], 3))
     bias = np.diag(np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3))
-    if uncertainty.semi_major_axis > 0:
+    if (size := uncertainty.semi_major_axis) > 0:
         rate = problem.mean_motion
-        noise[4] = 0.0
-        noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * uncertainty.semi_major_axis / 2
+        noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * size / 2
     return noise, bias
 
 
@@ -206,9 +201,8 @@ def _driven(
     state = columns(to.state_to_navigation, to.state_to_burns)
     control = columns(to.control_to_navigation, to.control_to_burns)
     commanded = control @ control.mT
-    of_burns, each = control[..., count:-4].reshape(n, m, 3, m, 3), np.arange(m)
-    of_burns[:, each, :, each] += burn.swapaxes(0, 1)
-    control[..., count:-4] = of_burns.reshape(n, m, 3, 3 * m)
+    for k in range(m):
+        control[:, k, :, count + 3 * k : count + 3 * k + 3] += burn[:, k]
     control[..., -4:] += thruster
     own = 4 if thruster.any() else 0
     used = slice(None if own else -4)
@@ -223,9 +217,9 @@ def burn_deviation(
 ) -> Float[Array, "n intervals 3 3"]:
     """The symmetric square root of each burn's covariance, by Gates's model, m/s².
 
-    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. To a
-    control that has the covariance ``commanded`` C itself, its error has the covariance
-    σd² (tr C I - C) + σm² C besides; the larger of both fixed errors counts along every axis.
+    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. Where a
+    control has the covariance ``commanded`` C itself, its error has σd² (tr C I - C) + σm² C more;
+    the larger of both fixed errors counts along every axis.
     """
     size = norm(controls)[..., None, None]
     along, across = uncertainty.magnitude, uncertainty.direction

@@ -125,10 +125,9 @@ def _facets(
 
 
 def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
-    """Least limit on each component, or thruster, that lets craft join their two states, m/s².
+    """Least limit on components, or thrusters, that lets craft join their two states, m/s².
 
-    States are m and m/s; the problem's own limit is ignored. Infinite where no thrust reaches the
-    goal. A thruster that is pointed has limits of its components.
+    Infinite where no thrust does. A thruster that is pointed has limits of its components.
     """
     maps = transfer_maps(problem)
     miss = goal - np.matvec(maps.drift[-1], initial)
@@ -142,13 +141,12 @@ def least_limits_within(
     burns: Bool[Array, "n intervals"],
     problem: Problem,
 ) -> Float[Array, "n"]:
-    """The same of changes of the states at some nodes, of craft that may not burn at all times.
+    """The same of changes of states at some nodes, m and m/s, of craft that burn at some times.
 
-    Changes are six for each node, m and m/s; reach is the effect of flattened controls on them.
-
-    A linear program for each craft: with every component of w within ±1, or every thrust from 0 to
-    1, how many times s the change b can R w = s b be? A limit of 1/s is what it takes. All are
-    solved in one call, scaled by the controls of least energy.
+    Reach is the effect of flattened controls on these changes, six for each node. A linear program
+    for each craft: with every component of w within ±1, or every thrust from 0 to 1, how many times
+    s the change b can R w = s b be? A limit of 1/s is what it takes. All are solved in one call,
+    scaled by the controls of least energy.
     """
     # Slow to import, and only a check of a scenario needs them.
     from scipy.optimize import linprog

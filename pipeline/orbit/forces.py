@@ -91,11 +91,10 @@ def oblateness(position: Vector) -> Vector:
     return added
 
 
-def drag(states: AnyState, ballistic: Scalar, air: Atmosphere) -> Vector:
-    """Drag, -½ ρ B |v| v with v against the turning air, m/s².
+def drag(states: AnyState, ballistic: Scalar | float, air: Atmosphere) -> Vector:
+    """Drag, -½ ρ B |v| v with v against the turning air, m/s², at inertial states, m and m/s.
 
-    States are inertial, m and m/s, B = C_D A/m is the ballistic coefficient, m²/kg; the air's
-    density is by height above a sphere of the Earth's equatorial radius.
+    B = C_D A/m is the ballistic coefficient, m²/kg; heights are above a sphere of Earth's equator.
     """
     velocity = _through_air(states)
     density = air.density_at(norm(states[..., :3]) - R_EARTH)

@@ -30,11 +30,8 @@ def unavoidable(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
-    """The closest encounter within the collision radius that follows from the ends, or None.
-
-    Or within the radii of both, m, where craft have these; obstacles, which need them, are numbered
-    after the craft.
-    """
+    """The closest encounter within r_col, or both radii, that follows from the ends, or None."""
+    # Obstacles, which need radii, are numbered after the craft.
     there, last = at_the_end(obstacles, problem), problem.nodes - 1
     met = list(_encounters(goal, problem, orbits, last, radii, there))
     if obstacles:

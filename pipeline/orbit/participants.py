@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_range, check_vector
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Indices, Marked, PositionMaps, States, Values, Vectors
+from pipeline.orbit.arrays import Controls, Indices, Marked, PositionMaps, States, Values, Vectors
 from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import fly
@@ -96,10 +96,7 @@ def at_the_end(obstacles: Sequence[Obstacle], problem: Problem) -> list[Obstacle
 
 
 class Participants(SwarmPartition):
-    """Swarms with a radius of each craft, and obstacles beside each, as one list of rows.
-
-    Craft come first, numbered as without; the obstacles of all swarms follow.
-    """
+    """Swarms with a radius of each craft, and then all obstacles, as one list of rows."""
 
     def __init__(
         self,
@@ -145,9 +142,7 @@ class Participants(SwarmPartition):
         """As ``SwarmPartition.beside``, with the obstacles."""
         return np.concatenate([states, self.states[:, nodes]])
 
-    def pushed(
-        self, controls: Float[Array, "n intervals 3"]
-    ) -> Float[Array, "participants intervals 3"]:
+    def pushed(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
         """As ``SwarmPartition.pushed``, with the obstacles."""
         return np.concatenate([controls, self.controls])
 

@@ -38,9 +38,9 @@ def loss_encounters(
     swarms: SwarmPartition | None = None,
     moved: Marked | None = None,
 ) -> Approaches:
-    """All encounters of craft that drift for so many orbits from a node, and others, in reach.
+    """All encounters of craft adrift from a node with others ``within`` a distance, m.
 
-    They come ``within`` a distance, m, of all swarms or of each; by default there is one swarm.
+    The distance is of all swarms or of each; by default there is one. A drift takes so many orbits.
     Encounters that do not depend on the controls of ``moved`` craft are skipped.
     """
     swarms = swarms or side_by_side((len(states),))

@@ -66,10 +66,8 @@ class Problem:
             )
         check_kind("thrust", self.thrust, Thrust)
         for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            if name == "max_acceleration" and value is None:
-                continue
-            check_range(name, value, least, most)
+            if name != "max_acceleration" or self.max_acceleration is not None:
+                check_range(name, getattr(self, name), least, most)
         if self.nodes > MOST_NODES:
             raise InputError(f"nodes is {self.nodes}; expected at most {MOST_NODES}.")
         if self.duration * self.mean_motion > 2 * np.pi * MOST_TURNS:

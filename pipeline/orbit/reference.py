@@ -29,7 +29,6 @@ class Reference:
     argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
 
     def __post_init__(self) -> None:
-        """Refuse an epoch without a time zone, and angles that are not finite numbers."""
         object.__setattr__(self, "epoch", utc_epoch(self.epoch))
         check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
         for name in ("inclination_deg", "raan_deg", "argument_of_latitude_deg"):

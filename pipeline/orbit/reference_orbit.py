@@ -67,7 +67,6 @@ class ReferenceOrbit:
     start: float = 0.0  # of the first node, s since the epoch
 
     def __post_init__(self) -> None:
-        """Refuse orbits that are none, or hit the Earth."""
         fields_as_python(self)
         check_elements(self)
         perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
@@ -106,8 +105,7 @@ class ReferenceOrbit:
     def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
         """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
 
-        Mean elements are osculating ones without their short-period variations by J2
-        (``pipeline.orbit.mean_elements``); without J2 they are the same.
+        Mean elements are osculating ones without their short-period variations by J2, if any.
         """
         mean = cls(**fields)
         if not mean.j2:
@@ -163,8 +161,7 @@ class ReferenceOrbit:
         if self.j2:
             total += forces.oblateness(position)
         if self.ballistic is not None:
-            held = np.broadcast_to(ballistic, position.shape[:-1])
-            total += forces.drag(states, held, self.air)
+            total += forces.drag(states, ballistic, self.air)
         return total
 
     def gradient(self, states: AnyState) -> Float[Array, "*batch 3 6"]:

@@ -52,9 +52,9 @@ def polar(along: Vector, thrust: Thrust) -> Scalar:
 def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
     """At least the most that the controls of each craft do along vectors, less what they cost.
 
-    The largest v · u - cost(u) of each interval in which a craft may burn, within its limits,
-    summed; infinite where that has no limit. Whatever the split w, v - w counts against the limit
-    on components or thrusters and w against that on the norm; the best of some splits is taken.
+    The largest v · u - cost(u) of each interval, within limits, summed; infinite where none holds.
+    Whatever the split w, v - w counts against the limit on components or thrusters and w against
+    that on the norm; the best of some splits is taken.
     """
     rest = along - split
     if thrust.directions is None:
@@ -163,11 +163,8 @@ def exceeds(controls: Controls, limits: Limits, problem: Problem) -> dict[str, M
 
 
 def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
-    """Size of the burn that each component of a control is part of, m/s²; of several the least.
-
-    A burn is a component, of thrusters along the axes; the whole control, of one that is pointed;
-    or the thrust of each that fires, of given directions.
-    """
+    """Size of the burn that each component of a control is part of, m/s²; of several the least."""
+    # A burn is a component, the whole control where a thruster is pointed, or a thruster's thrust.
     if thrust.model == COMPONENTS:
         return np.abs(controls)
     if thrust.model == NORM:

@@ -102,9 +102,9 @@ def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates
 def free_drift(
     states: Formation, problem: Problem, orbits: float = 1.0, start: float = 0.0
 ) -> tuple[States, Controls, Problem]:
-    """Free drift over so many orbits: node states, zero controls and the problem they belong to.
+    """Free drift for some orbits from some s on: states, zero controls and their problem.
 
-    It starts some s after the first node. InputError where it takes longer than any transfer may.
+    InputError where it takes longer than any transfer may.
     """
     time, longest = orbits * 2 * np.pi / problem.mean_motion, RANGES["time_step"][1]
     if time > longest * (MOST_NODES - 1):
@@ -138,11 +138,8 @@ def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
 
 
 def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
-    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
-
-    Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
-    than any transfer that can be flown.
-    """
+    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s²."""
+    # States that break Eq. 2, as a network's, can look cheaper than any transfer that can be flown.
     A, B = _step(problem)
     return mapped(np.linalg.pinv(B), states[..., 1:, :] - mapped(A, states[..., :-1, :]))
 
@@ -166,11 +163,8 @@ def minimum_energy(initial: AnyState, goal: AnyState, problem: Problem) -> AnyCo
 def project_to_flyable(
     states: AnyStates, initial: AnyState, goal: AnyState, problem: Problem
 ) -> AnyControls:
-    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly.
-
-    Nearest in the sum of squares over all nodes, with velocities weighted by 1/e. The set of
-    such trajectories is affine, with 3(T-1)-6 dimensions a craft, so this is one product.
-    """
+    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly."""
+    # In the sum of squares over nodes, velocities over e: an affine set, so this is one product.
     controls = minimum_energy(initial, goal, problem)
     rest = states - fly(initial, controls, problem)
     flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ _projection(problem).T
@@ -208,8 +202,6 @@ def track(
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
     times, intervals = problem.time_step / steps * np.arange(steps), np.arange(problem.intervals)
-    A, B = problem.dynamics.step(times, intervals[:, None])
-    between = np.matvec(A[..., :3, :], states[:, :-1, None])
-    between += np.matvec(B[..., :3, :], controls[:, :, None])
-    n = len(states)
-    return np.concatenate([between.reshape(n, -1, 3), states[:, -1:, :3]], axis=1)
+    A, B = (maps[..., :3, :] for maps in problem.dynamics.step(times, intervals[:, None]))
+    between = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
+    return np.concatenate([between.reshape(len(states), -1, 3), states[:, -1:, :3]], axis=1)

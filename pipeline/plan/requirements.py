@@ -136,10 +136,7 @@ AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 
 
 def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> None:
-    """Refuse a limit on the collision risk where sizes of craft or obstacles differ.
-
-    And in closed loop where thrust has other limits than on its components.
-    """
+    """Refuse a limit on the risk where sizes differ, and in closed loop beside other limits."""
     if closed_loop and any(one.limits is not None for one in scenarios):
         raise InputError(
             "a risk is asked for in closed loop, and the scenario says more of thrust than "

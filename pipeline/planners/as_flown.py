@@ -145,23 +145,17 @@ def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenar
 def _eased(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
     """The scenario with separation and corridors tightened, m, and thrust limits a little lower."""
     scenario = scenario.wider(wider, inside)
-    problem = scenario.problem
-    limit = None if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE
-    eased = replace(problem, max_acceleration=limit, thrust=_less(problem.thrust))
+    eased = replace(_less(scenario.problem), thrust=_less(scenario.problem.thrust))
     return replace(scenario, problem=eased, craft=tuple(map(_less, scenario.craft)))
 
 
-Limited = TypeVar("Limited", Thrust, Spacecraft)
+Limited = TypeVar("Limited", Problem, Thrust, Spacecraft)
 
 
 def _less(given: Limited) -> Limited:
     """The same with slightly lower limits, and a slightly larger least burn."""
-    share = {
-        "max_acceleration": LIMIT_SHARE,
-        "max_acceleration_norm": LIMIT_SHARE,
-        "delta_v": LIMIT_SHARE,
-        "min_delta_v": 1 / LIMIT_SHARE,
-    }
+    limits = "max_acceleration", "max_acceleration_norm", "delta_v"
+    share = {**dict.fromkeys(limits, LIMIT_SHARE), "min_delta_v": 1 / LIMIT_SHARE}
     values = {name: getattr(given, name, None) for name in share}
     eased = {name: share[name] * one for name, one in values.items() if one is not None}
     return replace(given, **eased)
@@ -193,11 +187,7 @@ def _outside(plan: Plan) -> float:
 def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The plan of a linear plan's controls, corrected until the flight meets its goals.
-
-    The linear plan itself, as UNSOLVED, where these controls cannot be flown, or end far from their
-    goals.
-    """
+    """The plan whose flight meets its goals; the linear one, UNSOLVED, where none is found."""
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     timed = replace(scenario, waypoints=passed)
     try:
@@ -212,8 +202,7 @@ def _corrected(
         made_for = {name: getattr(before.risk, name) for name in ("sigmas", "fuel_without")}
         found = replace(found, risk=replace(found.risk, **made_for))
     if found.smallest_burn and before.smallest_burn:
-        fuel_without = before.smallest_burn.fuel_without
-        burn = replace(found.smallest_burn, fuel_without=fuel_without)
+        burn = replace(found.smallest_burn, fuel_without=before.smallest_burn.fuel_without)
         found = replace(found, smallest_burn=burn)
     plan = replace(plan, certificate=found, assignment=linear.assignment)
     if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
@@ -257,11 +246,8 @@ def _arrivals(scenario: Scenario) -> Arrivals:
 
 
 def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
-    """The controls of a flight, with the bound of linear programs about it.
-
-    Where goals or times were chosen, the bound of all choices changes as this one's does.
-    ProlearnError where it leads too far from its goals.
-    """
+    """The controls of a flight, with the bound of linear programs about it."""
+    # Where goals or times were chosen, the bound of all choices changes as this one's does.
     try:
         shifted = _as_linear(scenario, controls, states)
     except InputError as error:  # it is beyond where scenarios are
