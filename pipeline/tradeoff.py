@@ -21,9 +21,9 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
+# The states given, whenever they are reached, or slots that go on along their passive orbits and
+# are at the states given after the scenario's own duration
 Goal = Literal["fixed", "moving"]
-"""What the goal is at another time: the states given, whenever they are reached, or slots that go
-on along their passive orbits and are at the states given after the scenario's own duration."""
 
 FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six components
 ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them

@@ -12,8 +12,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
 
-NO_BURN = 1e-9
-"""Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""
+NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding of the planner's
 
 # Largest errors, SI: beyond any with which craft would be flown near each other
 MOST = {

@@ -28,9 +28,8 @@ AIR = (
     (900e3, 5.245e-15, 181.05e3),
     (1000e3, 3.019e-15, 268.00e3),
 )
-"""Base height in m, density there in kg/m³, scale height in m, of mean solar activity (Vallado,
-"Fundamentals of Astrodynamics and Applications", exponential atmospheric model, after Wertz
-1978)."""
+"""Base height, m, density there, kg/m³, scale height, m, of mean solar activity (Vallado,
+"Fundamentals of Astrodynamics and Applications", exponential model, after Wertz 1978)."""
 
 
 @dataclass(frozen=True)

@@ -105,10 +105,12 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
     return np.asarray(np.eye(3) + first * columns + second * columns @ columns)
 
 
-def osculating_states(mean: Formation) -> Formation:
+def osculating_states(mean: Formation, *, j2: bool = True) -> Formation:
     """Inertial states, m and m/s, of craft whose mean elements are those of other states."""
     # By the energy, a constant of the motion, semi-major axes, and so along-track drifts, are known
     # to second order but for a constant.
+    if not j2:
+        return mean
     elements = PlanarElements.of(mean)
     found = elements.changed(_periodic(elements))
     for _ in range(2):
@@ -133,9 +135,11 @@ def _mean_energy(mean: PlanarElements) -> OfCraft:
     return -MU_EARTH / (2 * a) + oblate
 
 
-def mean_states(osculating: Formation) -> Formation:
+def mean_states(osculating: Formation, *, j2: bool = True) -> Formation:
     """The inverse of ``osculating_states``, by fixed-point iteration."""
     found, far = osculating, norm(osculating[..., :3])
+    if not j2:
+        return osculating
     for _ in range(ITERATIONS):
         missed = osculating - osculating_states(found)
         found = found + missed

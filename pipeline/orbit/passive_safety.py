@@ -25,7 +25,6 @@ from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_samp
 
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
-NO_CANDIDATES = (np.zeros(0, dtype=int),) * 4
 
 
 def loss_encounters(
@@ -49,8 +48,9 @@ def loss_encounters(
     moved = None if moved is None else swarms.marked(moved)
     found = []
     for length, since in paths.pieces:
+        none = (np.zeros(0, dtype=int),) * 4
         near = _candidates(paths, length, since, reach, swarms, moved)
-        which = map(np.concatenate, zip(NO_CANDIDATES, *near, strict=True))
+        which = map(np.concatenate, zip(none, *near, strict=True))
         found.append(_closest(paths, length, reach, which, swarms))
     return Approaches.concatenated(found)
 

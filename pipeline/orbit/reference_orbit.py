@@ -117,7 +117,7 @@ class ReferenceOrbit:
     @property
     def mean_elements(self) -> Elements:
         """Mean elements at the epoch; angles in rad."""
-        return Elements.of(mean_states(self.begin[None])[0] if self.j2 else self.begin)[0]
+        return Elements.of(mean_states(self.begin[None], j2=self.j2)[0])[0]
 
     @property
     def begin(self) -> Float[Array, "6"]:

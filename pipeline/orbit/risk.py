@@ -66,11 +66,6 @@ class _Stretches:
     normals: float  # K
     two_sided: bool = False  # whether checks are along the largest error, and on both sides
 
-    @property
-    def size(self) -> Float[Array, "s"]:
-        """Root mean square error of relative positions at the interval's start, m."""
-        return np.sqrt(np.trace(self.errors[:, :3, :3], axis1=1, axis2=2))
-
     def maps(self, which: Indices, share: Values) -> Maps:
         """Maps to relative positions at shares of the interval."""
         problem = self.problem
@@ -174,7 +169,8 @@ def dispersed_risk(
     stretches, broken = _stretches(states, controls, problem, spread)
     total, terms = _sums(stretches, np.isin(stretches.pair, broken, invert=True), len(i))
     total[broken] = 1.0
-    wide = np.isin(stretches.pair, stretches.pair[stretches.size > problem.collision_radius])
+    error = np.sqrt(np.trace(stretches.errors[:, :3, :3], axis1=1, axis2=2))  # of positions, m
+    wide = np.isin(stretches.pair, stretches.pair[error > problem.collision_radius])
     if wide.any():
         both, more = _sums(replace(stretches, two_sided=True), wide, len(i))
         within = np.isin(np.arange(len(i)), stretches.pair[wide])
@@ -264,13 +260,8 @@ def _numbers(found: Approaches, n: int) -> Indices:
 
 def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Values, int]:
     """Bound of each of so many pairs by some stretches, and the number of terms."""
-    pair, chance = _chances(stretches, np.flatnonzero(some))
-    return np.bincount(pair, chance, count).astype(float), len(chance)
-
-
-def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Float[Array, "q"]]:
-    """Pairs, and the probabilities that they fail a check after one that holds, or the first."""
     # Panels are halved where their margins may add to the sum more than their share of ACCURACY.
+    which = np.flatnonzero(some)
     begin, width = np.zeros(len(which)), np.ones(len(which))
     ends = stretches.directions(which, begin), stretches.directions(which, width)
     panels = _Panels(which, begin, width, *ends)
@@ -282,12 +273,13 @@ def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Fl
         split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
         split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)
         if not split.any():
-            return stretches.pair[panels.stretch], chance
+            pair = stretches.pair[panels.stretch]
+            return np.bincount(pair, chance, count).astype(float), len(chance)
         panels = panels.halved(split, stretches)
 
 
 def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
-    """Each panel's probability, as in ``_chances``, and an estimate of its margin's part in it."""
+    """Probability of failing a check after one that holds, or the first, and its margins' part."""
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
     at, radius = panels.stretch, stretches.problem.collision_radius

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, Indices, OfCraft, States
+from pipeline.orbit.arrays import Controls, OfCraft, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
@@ -334,7 +334,7 @@ def certify(
     looked at only where they are required. Motion is linear, unless flights are given whose nodes
     the states are.
     """
-    problem, starts = shared_problem(scenarios), _starts(scenarios)
+    problem, starts = shared_problem(scenarios), _side_by_side(scenarios).starts
     flown, pushed = np.split(states, starts[1:]), np.split(controls, starts[1:])
     columns = _spending(scenarios, controls, bounds, least_shares)
     columns |= _separations(scenarios, states, controls, flights)
@@ -362,9 +362,8 @@ def certify(
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 
 
-def _starts(scenarios: Sequence[Scenario]) -> Indices:
-    """The first craft of each scenario, one after the other."""
-    return np.cumsum([0, *(one.n for one in scenarios[:-1])])
+def _side_by_side(scenarios: Sequence[Scenario]) -> SwarmPartition:
+    return side_by_side(tuple(one.n for one in scenarios))
 
 
 def _spending(
@@ -374,7 +373,7 @@ def _spending(
     least_shares: Sequence[float],
 ) -> Columns:
     """What is burned, and how far it is from the bounds."""
-    problem, starts = scenarios[0].problem, _starts(scenarios)
+    problem, starts = scenarios[0].problem, _side_by_side(scenarios).starts
     thrust, step = problem.thrust, problem.time_step
     each = list(zip(np.split(controls, starts[1:]), scenarios, strict=True))
 
@@ -460,8 +459,7 @@ def _least(
 
     def of(*, alike: bool) -> list[Separation]:
         if not flights:
-            craft = side_by_side(tuple(one.n for one in scenarios))
-            return linear(craft if alike else participants(scenarios))
+            return linear(_side_by_side(scenarios) if alike else participants(scenarios))
         each = [None if alike else participants([one]) for one in scenarios]
         return list(map(in_flight, flights, each))
 

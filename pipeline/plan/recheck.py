@@ -32,8 +32,7 @@ DISTANCES = (
     *("corridor.min_margin", "passive_safety.clearance.min_clearance"),
 )
 
-FalseClaim = tuple[str, float, float, str]
-"""Name of a field, the value that a file claims, the value found anew, and the unit."""
+FalseClaim = tuple[str, float, float, str]  # a field, what a file claims, what is found, and unit
 
 
 @dataclass(frozen=True, eq=False)

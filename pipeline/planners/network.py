@@ -17,7 +17,7 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.planners.classical import certified
-from pipeline.planners.planner import PlannerWrapper
+from pipeline.planners.planner import PlannerWrapper, requiring
 from pipeline.scenario import Scenario
 
 SAME = 1e-6  # relative difference in orbit or step that makes no other problem to a network
@@ -88,27 +88,15 @@ class Seeded(PlannerWrapper):
 
 
 @dataclass(frozen=True, eq=False)
-class FallbackPlanner:
+class FallbackPlanner(PlannerWrapper):
     """A network, then one convex solve from it, then the expert, until a plan is proven safe."""
 
-    network: NetworkPlanner
     settings: Settings = FIRST_SAFE  # of the expert where it comes to that
-
-    @property
-    def name(self) -> str:
-        """The network's; its plans say who made them."""
-        return self.network.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """As of the network."""
-        return self.network.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, named by who made it, safe wherever the expert finds one."""
         asked = self.requirements
-        plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
-
+        plans = requiring(self.planner, asked.nominal).plan(scenarios)
         plans = _where_unsafe(plans, ONE_SOLVE, asked, f"{self.name} + one solve", seeded=True)
         plans = _where_unsafe(plans, self.settings, asked, "expert")
         return [within_risk(plan, asked, self.settings) for plan in plans]
