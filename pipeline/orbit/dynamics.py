@@ -34,6 +34,7 @@ class ClohessyWiltshire:
 
     def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
         """A and B of Eq. 2 for times, s, from an interval's start or from some s ``since`` it."""
+        # Here the time may also be longer than the interval.
         return cw_matrices(self.mean_motion, time)
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:

@@ -60,7 +60,8 @@ class Elements:
         return cls(axis, float(inclination), raan, eccentricity, perigee), u
 
     def states(self, argument_of_latitude: Scalar) -> AnyState:
-        """Inertial states at u = ω + ν (rad), m and m/s (Curtis, sections 2.4 and 4.6)."""
+        """Inertial states at u = ω + ν (rad), m and m/s."""
+        # Curtis, "Orbital Mechanics for Engineering Students", sections 2.4 and 4.6
         u, eccentricity = np.asarray(argument_of_latitude), self.eccentricity
         anomaly = u - self.argument_of_perigee
         parameter = self.semi_major_axis * (1 - eccentricity**2)

@@ -74,8 +74,8 @@ def _starts_with_goals(
     radii = None if radii is None else np.tile(radii, 2)
     for one in _encounters(both, problem, longer, 0, radii):
         if one.pair and one.pair[0] < n <= one.pair[1]:
-            craft, goal_of = one.pair[0], one.pair[1] - n
-            yield craft, goal_of, replace(one, pair=(craft, goal_of))
+            craft, taken = one.pair[0], one.pair[1] - n
+            yield craft, taken, replace(one, pair=(craft, taken))
 
 
 def _encounters(

@@ -202,7 +202,8 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
 
 
 def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[OfCraft, OfCraft, OfCraft]:
-    """Rates of perigee, mean anomaly and node, rad/s, to first order in J2 (Vallado, 9.6)."""
+    """Rates of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2."""
+    # Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6
     elements = PlanarElements.of(mean)
     n, square = elements.mean_motion, 1 - elements.eccentricity_squared
     cos = elements.axes[..., 2, 2]  # of the inclination

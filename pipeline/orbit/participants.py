@@ -123,7 +123,7 @@ class Participants(SwarmPartition):
         # Constant control that holds each where it is, by Eq. 1, m/s²; none of those that drift
         self.pushes = np.where(self._holds[:, None], initial[:, :3] * [-3 * e2, 0.0, e2], 0.0)
         self.controls = np.repeat(self.pushes[:, None], problem.intervals, axis=1)
-        # of obstacles; of a flight, set anew
+        # Of obstacles; a flight sets its own.
         self.states: States = fly(initial, self.controls, problem)
 
     @cached_property

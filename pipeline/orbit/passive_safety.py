@@ -140,7 +140,8 @@ def _candidates(
 def _searched(
     node: int, last: int, since: Int[Array, "steps"], swarms: SwarmPartition, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
-    """Pairs of a drifting craft and another that depend on moved craft's controls, and steps."""
+    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions."""
+    # All of them, or those that depend on the controls of moved craft.
     one, other = swarms.pairs
     back = ~swarms.still(other)  # no obstacle loses its thrust
     lost, met = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])

@@ -97,11 +97,10 @@ def closer(
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        first, second = int(found.first[k]), int(found.second[k])
-        pair = swarms.local(swarm, first), swarms.local(swarm, second)
+        pair = swarms.local(swarm, int(found.first[k])), swarms.local(swarm, int(found.second[k]))
         lost = None if found.node is None else int(found.node[k])
-        distance = float(found.distance[k])
-        least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
+        how = float(found.distance[k]), float(bound[swarm])
+        least[swarm] = Separation(*how, pair, float(time[k]), lost)
     return least
 
 

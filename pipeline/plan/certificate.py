@@ -384,7 +384,9 @@ def _spending(
     if thrust != ALONG_AXES:
         burned = np.concatenate([spent(one, thrust, s.limits) for one, s in each])
     used = np.add.reduceat(burned, starts).tolist()
-    least = [_rounded_down(b, fuel) for fuel, (b, _) in zip(used, bounds, strict=True)]
+    both = zip(used, bounds, strict=True)
+    # Rounding of sums may put a bound above the fuel.
+    least = [min(b, fuel) if b <= fuel * (1 + SUM_ROUNDING) else b for fuel, (b, _) in both]
     columns: Columns = {
         "fuel": used,
         "delta_v": [fuel * step for fuel in used],
@@ -457,15 +459,16 @@ def _least(
 ) -> tuple[list[Separation], list[Clearance | None]]:
     """The least separations of craft, and clearances by sizes, in linear motion or flights."""
 
-    def of(*, alike: bool) -> list[Separation]:
+    def least(*, alike: bool) -> list[Separation]:
         if not flights:
             return linear(_side_by_side(scenarios) if alike else participants(scenarios))
         each = [None if alike else participants([one]) for one in scenarios]
         return list(map(in_flight, flights, each))
 
-    closest = of(alike=True)
-    sized = any(one.sized for one in scenarios)
-    return closest, list(map(Clearance.of, of(alike=False) if sized else closest, scenarios))
+    closest = clear = least(alike=True)
+    if any(one.sized for one in scenarios):
+        clear = least(alike=False)
+    return closest, list(map(Clearance.of, clear, scenarios))
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:
@@ -473,11 +476,6 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
     if fuel_lower_bound > problem.negligible_fuel:
         return fuel_used / fuel_lower_bound - 1
     return 0.0 if fuel_used <= problem.negligible_fuel else float("inf")
-
-
-def _rounded_down(bound: float, fuel_used: float) -> float:
-    """A lower bound on fuel; the fuel itself, m/s², where rounding of sums puts the bound above."""
-    return min(bound, fuel_used) if bound <= fuel_used * (1 + SUM_ROUNDING) else bound
 
 
 def _least_separations(

@@ -167,11 +167,10 @@ def _missing(plan: Plan) -> float:
     least, drift = found.min_separation_bound, found.passive_safety
     if plan.requirements.at_nodes:
         least = node_distances(plan.states).min(initial=np.inf)
-    if found.clearance is not None:
-        least = radius + found.clearance.min_clearance_bound
-    bounds = [least, None if drift is None else drift.min_separation_bound]
-    if drift is not None and drift.clearance is not None:
-        bounds[1] = radius + drift.clearance.min_clearance_bound
+    both = [(least, found.clearance)]
+    if drift is not None:
+        both.append((drift.min_separation_bound, drift.clearance))
+    bounds = [one if by is None else radius + by.min_clearance_bound for one, by in both]
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
     if found.risk is not None and not found.risk.kept:
         close.append(RISK_WIDENING)
