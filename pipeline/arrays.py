@@ -1,7 +1,6 @@
 """Array types for shape annotations, ``Float[Array, "n T 6"]``, and functions for numpy and torch.
 
-Tests check the shapes. The functions let code that is written once run on numpy arrays and on torch
-tensors; who has a tensor has imported torch.
+Tests check the shapes. The functions let code run on both; who has a tensor has imported torch.
 """
 
 import sys
@@ -35,10 +34,7 @@ def namespace(values: Any) -> Any:
 
 
 def fields_as_python(of: object) -> None:
-    """Convert a dataclass's fields from numpy to Python numbers, and arrays and lists to tuples.
-
-    Files, comparisons and hashes need these.
-    """
+    """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them."""
     for name, given in vars(of).items():
         if (made := _as_python(given)) is not given:
             object.__setattr__(of, name, made)
@@ -67,10 +63,7 @@ def tensor(values: Any, device: Any) -> Any:
 
 
 def like(values: Any, other: Any) -> Any:
-    """Array in the library of another array, numpy or torch, and on its device.
-
-    A tensor becomes an array without its gradient.
-    """
+    """Array in the library of another, numpy or torch, and on its device; without its gradient."""
     if not isinstance(other, np.ndarray):
         return tensor(values, other.device)
     return plain(values) if hasattr(values, "detach") else values

@@ -62,11 +62,7 @@ def _checksum(fields: Mapping[str, Any]) -> str:
 
 
 def read_document(path: Path, kind: type[Document], what: str) -> Document:
-    """The document of a kind in a file, or in standard input for -.
-
-    ``what`` it is meant to be, such as "a scenario file", is for the InputError where it cannot be
-    read or a field, by its name, is missing or wrong.
-    """
+    """The document of a kind in a file, or stdin for -; InputErrors say ``what`` is expected."""
     try:
         content = read_bytes(path, MOST_BYTES + 1).removeprefix(BOM_UTF8)
     except OSError as error:
@@ -166,13 +162,13 @@ def write_document(path: Path, fields: dict[str, Any]) -> None:
 
 
 def _json(value: Any, line: str) -> str:
+    deeper = line + " "
     if isinstance(value, dict) and value:
-        parts = [f"{json.dumps(key)}: {_json(one, line + ' ')}" for key, one in value.items()]
+        parts = [f"{json.dumps(key)}: {_json(one, deeper)}" for key, one in value.items()]
         return "{" + line + ("," + line).join(parts) + line[:-1] + "}"
-    if isinstance(value, list) and value and isinstance(value[0], list | dict):
-        parts = [
-            json.dumps(one, allow_nan=False) if isinstance(one, dict) else _json(one, line + " ")
-            for one in value
-        ]
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return "[" + line + ("," + line).join(_json(one, deeper) for one in value) + line[:-1] + "]"
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        parts = [json.dumps(one, allow_nan=False) for one in value]
         return "[" + line + ("," + line).join(parts) + line[:-1] + "]"
     return json.dumps(value, allow_nan=False)

@@ -66,10 +66,9 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
 def check_kind(name: str, value: object, kind: Any) -> None:
     """Refuse what is no instance of a class, or of a union of classes, by an InputError."""
     if not isinstance(value, kind):
-        wanted = " or ".join(one.__name__ for one in getattr(kind, "__args__", (kind,)))
-        raise InputError(
-            f"{name} is {brief(value)}; expected {wanted.replace('NoneType', 'None')}."
-        )
+        names = (one.__name__ for one in getattr(kind, "__args__", (kind,)))
+        wanted = " or ".join(names).replace("NoneType", "None")
+        raise InputError(f"{name} is {brief(value)}; expected {wanted}.")
 
 
 def check_each(name: str, values: object, kind: type) -> None:
@@ -112,10 +111,10 @@ def told_which_extra() -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        for extra, packages in EXTRAS.items():
-            if package in packages:
-                raise InputError(
-                    f"this needs {package}, which is not installed; expected the extra `{extra}`: "
-                    f"pip install 'prolearn[{extra}]'."
-                ) from error
-        raise
+        extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+        if extra is None:
+            raise
+        raise InputError(
+            f"this needs {package}, which is not installed; expected the extra `{extra}`: "
+            f"pip install 'prolearn[{extra}]'."
+        ) from error

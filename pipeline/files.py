@@ -76,10 +76,7 @@ def refuse_undecodable(path: Path) -> None:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Raise the error that writing a file would, before its content is computed; leave no file.
-
-    InputError, or the OSError of a folder that cannot be written to or of a name that is too long.
-    """
+    """Raise the error, InputError or OSError, that writing a file would, and leave no file."""
     place = _place_of(path)
     folder = _lowest(place.parent)
     if not folder.is_dir():
@@ -115,10 +112,9 @@ def _temporary_name(path: Path) -> str:
 def published(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, flushed to disk, on success.
 
-    A reader sees the old file, or none, or the whole new one, whenever the writer is killed.
-    A file that is replaced keeps its mode, and a new one has what umask leaves of 0666. Of a
-    symbolic link the file that it names is replaced. InputError where it is a folder, a pipe
-    or a device, or what should be its folder is a file.
+    A reader sees the old file, or none, or the whole new one, whenever the writer is killed. A file
+    that is replaced keeps its mode; of a symbolic link the file that it names is replaced.
+    InputError where it is a folder, a pipe or a device, or its folder is a file.
     """
     path = _place_of(path)
     make_folder(path.parent)
@@ -144,10 +140,7 @@ def stem_of(path: Path) -> str:
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """The content of a file or of standard input, cut off after so many bytes.
-
-    InputError where standard input is closed.
-    """
+    """The content of a file or of standard input, cut off after so many bytes."""
     if path == STDIO:
         if sys.stdin is None:
             raise InputError("stdin is closed; expected content in it: name a file instead of -.")
@@ -157,10 +150,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file that appears whole, or to standard output; both are in UTF-8.
-
-    InputError where standard output is closed.
-    """
+    """Write a text file that appears whole, or to standard output; both are in UTF-8."""
     if path == STDIO:
         if sys.stdout is None:
             raise InputError("stdout is closed; expected it to take a document: leave it open.")

@@ -21,12 +21,8 @@ DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 @cache
 def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str, str]:
-    """Versions by name of the code of ours and of the distributions that decide a result.
-
-    The version number of prolearn says which release runs and not whether its files were
-    changed, so a digest of the code goes with it. Parts are patterns such as ``pipeline/orbit`` and
-    ``pipeline/experiments/trials.py``.
-    """
+    """Versions of our code, by patterns such as ``pipeline/orbit``, and of distributions."""
+    # The number of our release does not say whether files were changed, so a digest goes with it.
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
     return found | {name: version_of(name) for name in packages}
 
@@ -69,10 +65,8 @@ def _meaning(source: bytes) -> bytes:
 
 
 def _described(tree: ast.Module) -> Iterator[str]:
-    """The nodes of a syntax tree, level by level; absent fields are left out, as later Pythons do.
-
-    Each node comes with its fields, and how many nodes are in them: no two trees give the same.
-    """
+    """The nodes of a syntax tree with their fields, level by level: no two trees give the same."""
+    # Absent fields are left out, as later Pythons do.
     for node in ast.walk(tree):
         yield type(node).__name__
         for name, value in ast.iter_fields(node):

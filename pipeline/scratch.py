@@ -19,9 +19,8 @@ NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows
 
 @contextmanager
 def held_lock_file(folder: Path, prefix: str, *, keep_on_error: bool = False) -> Iterator[str]:
-    """Hold a lock file ``<prefix><token>.lock`` of its own for the block, and remove it after.
+    """Hold a lock file ``<prefix><token>.lock`` for the block, and remove it; yields the name.
 
-    Yields the prefix with the token; the prefix distinguishes its kind from others in the folder.
     Where there can be no lock, there is none, and nobody takes this process for dead. With
     ``keep_on_error`` the file stays, unlocked, where the block raises: the next ``clear_dead`` then
     does what the block may have left undone.
@@ -46,9 +45,8 @@ def held_lock_file(folder: Path, prefix: str, *, keep_on_error: bool = False) ->
 def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
     """Clear away what dead processes of this user left, and then their lock files.
 
-    Another process that does the same at the same time finds the lock held, or nothing left to do.
     ``clear`` is given the name that ``held_lock_file`` gave; where it raises OSError the lock file
-    stays for the next time.
+    stays for the next time. Another process that does the same finds it held, or nothing to do.
     """
     fits = re.compile(rf"{re.escape(prefix)}.{{{TOKEN}}}{re.escape(SUFFIX)}").fullmatch
     with suppress(OSError):
@@ -62,8 +60,7 @@ def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
 
 def _is_ours(path: Path) -> bool:
     """Whether a file is this user's, in a folder that several may write to."""
-    owner = getattr(os, "geteuid", None)
-    return owner is None or path.lstat().st_uid == owner()
+    return not hasattr(os, "geteuid") or path.lstat().st_uid == os.geteuid()
 
 
 @contextmanager

@@ -34,8 +34,7 @@ _BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the s
 def public(text: object, *urls: object) -> str:
     """A sentence, or a URL without spaces, without the secrets of the URLs in it.
 
-    Plain paths, ``sqlite:///FILE`` and ``tcp://HOST:PORT`` stay as they are. Secrets of ``urls``
-    are removed in any form: with spaces, without the scheme, or quoted alone.
+    Secrets of ``urls`` are removed in any form: with spaces, without the scheme, or quoted alone.
     """
     shown = str(text)
     for url in map(str, urls):
@@ -54,11 +53,8 @@ def public_url(url: object) -> str:
 
 
 def sqlite_url(path: Path) -> str:
-    """The address of an SQLite file, in which SQLAlchemy decodes ``%`` and a ``?`` ends the name.
-
-    Where that changes a name, slashes are encoded with it: MLflow makes the folder that an address
-    names as it stands.
-    """
+    """The address of an SQLite file, where SQLAlchemy decodes ``%`` and a ``?`` ends the name."""
+    # There slashes are encoded too: MLflow makes the folder that an address names as it stands.
     name = str(path)
     return f"sqlite:///{quote(name, safe='') if {'%', '?'} & {*name} else name}"
 

@@ -1,9 +1,7 @@
 """Fuel against transfer time: plans of several durations, the curve's knee, and its figure.
 
-The number of thrust arcs varies and their length, the scenario's time step, does not. An arc is how
-long a thruster holds one acceleration, and longer arcs waste fuel: for the same ten minutes ten
-arcs of 60 s need some 10 % less than five of 120 s. So a curve over stretched arcs would mix up two
-things, and every duration is a whole number of arcs here.
+The number of thrust arcs varies and their length, the scenario's time step, does not: longer arcs
+waste fuel, for the same ten minutes ten of 60 s need some 10 % less than five of 120 s.
 """
 
 from collections.abc import Sequence
@@ -23,9 +21,9 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
+# The states given, whenever they are reached, or slots that go on along their passive orbits and
+# are at the states given after the scenario's own duration
 Goal = Literal["fixed", "moving"]
-"""What the goal is at another time: the states given, whenever they are reached, or slots that go
-on along their passive orbits and are at the states given after the scenario's own duration."""
 
 FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six components
 ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them
@@ -117,8 +115,7 @@ def tradeoff(
     progress.expect(len(arcs))
     points = []
     for number in arcs:
-        asked = with_arcs(scenario, number, goal)
-        (plan,) = planner.plan([asked])
+        (plan,) = planner.plan([with_arcs(scenario, number, goal)])
         points.append(Point(plan))
         progress.done()
     return points
@@ -133,9 +130,7 @@ def knee(time: Float[Array, "points"], cost: Float[Array, "points"]) -> int | No
     that cost less than every faster one count, since the others are no trade-off.
 
     Every curve has such a point, so one is called a knee only where it is a tenth below that line,
-    and where time saves at most half as much after it as before it, on average. A straight line
-    with a steep first step has none, nor has 1/t over a range of less than a factor of 2. Times
-    ascend.
+    and where time saves at most half as much after it as before it, on average. Times ascend.
     """
     faster = np.minimum.accumulate(np.concatenate([[np.inf], cost]))[:-1]
     efficient = np.flatnonzero(cost < faster)
@@ -172,16 +167,15 @@ def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> Fi
     if bend is not None:
         x, y, blue = minutes[bend], costs[bend], style.INITIAL_COLOUR
         ax.plot(x, y, "o", color=blue, markersize=9, label="knee")
-        beside: dict[str, Any] = {"xytext": (10, 10), "textcoords": "offset points"}
-        ax.annotate(f"knee: {x:g} min, {y:.3g} m/s", (x, y), color=blue, **beside)
+        said, beside = f"knee: {x:g} min, {y:.3g} m/s", (10, 10)
+        ax.annotate(said, (x, y), color=blue, xytext=beside, textcoords="offset points")
+    foot: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "color": style.CONFLICT_COLOUR}
     infeasible = [p.duration / 60 for p in points if p.plan.status == INFEASIBLE]
     failed = [p.duration / 60 for p in points if not p.safe and p.plan.status != INFEASIBLE]
-    marked = {"proven infeasible": ("X", infeasible), "no safe plan": ("x", failed)}
-    for label, (marker, times) in marked.items():
+    marked = ("proven infeasible", "X", infeasible), ("no safe plan", "x", failed)
+    for label, marker, times in marked:
         if times:
-            drawn: dict[str, Any] = {"marker": marker, "markersize": 7, "linestyle": "none"}
-            drawn |= {"color": style.CONFLICT_COLOUR, "transform": ax.get_xaxis_transform()}
-            ax.plot(times, [FOOT] * len(times), label=label, **drawn)
+            ax.plot(times, [FOOT] * len(times), marker, label=label, markersize=7, **foot)
     style.fit_scale(ax, "y", [*costs, *bounds])
     if ax.get_yscale() == "linear":
         ax.set_ylim(0, ax.get_ylim()[1])

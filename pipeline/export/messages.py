@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from pipeline.export.burns import Burns, Masses, burns_of
 from pipeline.export.inertial import reference_frames, reference_of, stamp
 from pipeline.files import write_text
-from pipeline.orbit.nonlinear import flown_between
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.reference import radius_at
 from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
@@ -149,7 +149,7 @@ def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
     """LVLH states at times since the start of each interval, s."""
     problem = plan.scenario.problem
     if plan.as_flown:
-        return flown_between(plan.scenario.initial, plan.controls, problem, time)
+        return NonlinearFlight(plan.scenario.initial, plan.controls, problem).between(time)
     A, B = problem.dynamics.step(time, np.arange(problem.intervals)[:, None])
     return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
 

@@ -194,11 +194,11 @@ def _passive_safety(
     Requirements(passive_safety=orbits)  # refuses numbers that are none
     scenario = plan.scenario
     flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
-    found = PassiveSafety.of(orbits, least_adrift_in_world(*flown))
-    if not scenario.sized:
-        return found
-    spaced = least_adrift_in_world(*flown, participants([scenario]))
-    return replace(found, clearance=Clearance.of(spaced, scenario))
+    clearance, adrift = None, least_adrift_in_world(*flown)
+    if scenario.sized:
+        spaced = least_adrift_in_world(*flown, participants([scenario]))
+        clearance = Clearance.of(spaced, scenario)
+    return PassiveSafety.of(orbits, adrift, clearance)
 
 
 def _of(effect: Effect) -> dict[str, Any]:

@@ -44,18 +44,13 @@ for _point in range(4):
     PARTS[16 + 5 * _point : 20 + 4 * _point] = _bernstein(3 - _point).T
 
 
-def _equal_parts(count: int) -> Float[Array, "_ 4"]:
-    """Weights of a cubic's points in those of so many equal parts: its blossom at their ends."""
-    found = np.zeros((count, 4, 4))
-    for part, point in np.ndindex(count, 4):
-        weights = np.eye(4)
-        for at in [part + 1] * point + [part] * (3 - point):
-            weights = (1 - at / count) * weights[:-1] + at / count * weights[1:]
-        found[part, point] = weights[0]
-    return found.reshape(-1, 4)
-
-
-EQUAL_PARTS = _equal_parts(4)
+# Weights of c's points in those of four equal parts: its blossom at their ends
+EQUAL_PARTS = np.zeros((16, 4))
+for _point in range(16):
+    _weights = np.eye(4)
+    for _at in [_point // 4 + 1] * (_point % 4) + [_point // 4] * (3 - _point % 4):
+        _weights = (1 - _at / 4) * _weights[:-1] + _at / 4 * _weights[1:]
+    EQUAL_PARTS[_point] = _weights[0]
 
 
 def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
@@ -85,13 +80,13 @@ def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
     """A quick lower bound on each cubic's distance from the origin: its chord's, less the bend."""
     begin, chord = curve[:, 0], curve[:, 3] - curve[:, 0]
     s = _along(begin, chord)[:, None]
-    leave, come = curve[:, 1] - begin, curve[:, 3] - curve[:, 2]
-    bend = np.maximum(_square(3 * leave - chord), _square(3 * come - chord))
+    leave, come = 3 * (curve[:, 1] - begin) - chord, 3 * (curve[:, 3] - curve[:, 2]) - chord
+    bend = np.maximum(np.vecdot(leave, leave), np.vecdot(come, come))
     return norm(begin + s * chord) - 0.25 * np.sqrt(bend)
 
 
 def equal_parts(curve: Float[Array, "s 4 3"]) -> Float[Array, "_ 4 3"]:
-    """The Bezier points of so many equal parts of each cubic, one after the other."""
+    """The Bezier points of four equal parts of each cubic, one after the other."""
     return (EQUAL_PARTS @ curve).reshape(-1, 4, 3)
 
 
@@ -106,9 +101,9 @@ def branch_and_bound(
     """When each group of cubics is closest to the origin, and a lower bound on that distance.
 
     Cubics are split where they are closest: on either side |c|² then mostly grows, which its
-    Bernstein coefficients prove at once. Each cubic is off by at most its remainder, beside which
-    brackets are ``tolerance`` wide, and is a stretch of a group's motion, which begins and is as
-    long as such shares of it; stretches beyond their group's distance of interest are dropped.
+    Bernstein coefficients prove at once. Each is off by at most its remainder, beside which
+    brackets are ``tolerance`` wide. It is a ``stretch`` of its group's motion, with begin and width
+    as shares of that; what is beyond the distance of interest, ``within``, is dropped.
     """
     left, width = stretch
     best = np.full(len(within), np.inf)
@@ -153,13 +148,8 @@ def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Arr
 
 def _along(begin: Float[Array, "s 3"], chord: Float[Array, "s 3"]) -> Float[Array, "s"]:
     """Where in [0, 1] on its way along a chord each point is closest to the origin."""
-    along = -np.vecdot(begin, chord) / (_square(chord) + NO_LENGTH)
+    along = -np.vecdot(begin, chord) / (np.vecdot(chord, chord) + NO_LENGTH)
     return np.minimum(np.maximum(along, 0.0), 1.0)
-
-
-def _square(a: Float[Array, "s 3"]) -> Float[Array, "s"]:
-    """Squared length of vectors."""
-    return np.vecdot(a, a)
 
 
 def _split(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 2 4 3"]:

@@ -15,9 +15,8 @@ ITERATIONS = 40  # most of Picard's, each of which integrates the forces at the 
 ROUNDING = 1e-14  # share of the largest position by which they may change in the last iteration
 # On [-1, 1], ascending
 NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
-_VALUES = chebyshev.chebvander(NODES, POINTS - 1)
-COEFFICIENTS = np.linalg.inv(_VALUES)  # from values at the points to Chebyshev coefficients
-# From values at the points to Chebyshev coefficients of the derivatives on [-1, 1], by order
+# From values at the points to Chebyshev coefficients, and those of derivatives by their order
+COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(NODES, POINTS - 1))
 DERIVATIVES = {order: chebyshev.chebder(COEFFICIENTS, order) for order in (1, 2, 3)}
 # From values at the points to those of the integral from the first point
 INTEGRAL = chebyshev.chebvander(NODES, POINTS) @ chebyshev.chebint(COEFFICIENTS, lbnd=-1)
@@ -36,10 +35,7 @@ def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:
 def most_derivative(
     values: Float[Any, "*batch q d"], order: int, half: float
 ) -> Float[Any, "*batch d"]:
-    """Upper bound on a derivative's size over a piece, from values at its points; tensors too.
-
-    The sum of the absolute Chebyshev coefficients, since no Chebyshev polynomial exceeds 1. A piece
-    takes twice ``half``, s.
-    """
+    """Upper bound on a derivative over a piece of 2 ``half`` s, from values at its points."""
+    # No Chebyshev polynomial exceeds 1, so absolute coefficients are added up; of tensors too.
     found = abs(like(DERIVATIVES[order], values) @ values).sum(axis=-2)
     return found / half**order

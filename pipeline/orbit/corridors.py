@@ -7,6 +7,7 @@ derivative: so every stretch has a proven bound, and nothing is sampled.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -98,8 +99,7 @@ class Cone:
     @property
     def faces(self) -> tuple[Float[Array, "F 3"], Float[Array, "F"]]:
         """As ``Box.faces``, of the pyramid."""
-        edges = self.edges
-        normal = np.cross(np.roll(edges, -1, axis=0), edges)
+        normal = np.cross(np.roll(self.edges, -1, axis=0), self.edges)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         return normal, normal @ np.array(self.apex)
 
@@ -113,8 +113,8 @@ class Cone:
         """As ``Box.outline``, with edges of a length, m."""
         apex = np.array(self.apex)
         ends = apex + length * self.edges
-        walk = [part for k in range(SIDES) for part in (apex, ends[k], ends[(k + 1) % SIDES])]
-        return np.stack(walk)
+        parts = np.broadcast_to(apex, ends.shape), ends, np.roll(ends, -1, axis=0)
+        return np.stack(parts, axis=1).reshape(-1, 3)
 
 
 @dataclass(frozen=True)
@@ -170,16 +170,15 @@ class Faces(Rows):
     @classmethod
     def of(cls, corridors: Sequence[Corridor], n: int, first: int = 0) -> "Faces":
         """The faces of a scenario's corridors, whose n craft begin at a row."""
-        rows = []
+        none, nowhere = np.zeros(0, dtype=int), np.zeros(0)
+        parts = [cls(none, none, np.zeros((0, 3)), nowhere, nowhere, nowhere)]
         for k, one in enumerate(corridors):
+            normal, offset = one.inside.faces
             for craft in one.craft or range(n):
-                for normal, offset in zip(*one.inside.faces, strict=True):
-                    rows.append((first + craft, k, normal, offset, one.begin, one.end))
-        columns = [np.array(column) for column in zip(*rows, strict=True)]
-        if not rows:
-            none, nowhere = np.zeros(0, dtype=int), np.zeros(0)
-            return cls(none, none, np.zeros((0, 3)), nowhere, nowhere, nowhere)
-        return cls(*columns[:2], *(column.astype(float) for column in columns[2:]))
+                same = partial(np.full, len(offset))
+                when = same(float(one.begin)), same(float(one.end))
+                parts.append(cls(same(first + craft), same(k), normal, offset, *when))
+        return cls.concatenated(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +224,7 @@ def margins(
     time[least] = from_[at] + share[at] * step[at]
     bound = np.full(len(face), np.inf)
     bound[least] = low[at]
-    A, B = problem.dynamics.step(time, k)
-    free, pushed = A[:, :3], B[:, :3]
+    free, pushed = (maps[:, :3] for maps in problem.dynamics.step(time, k))
     there = np.matvec(free, start) + np.matvec(pushed, push)
     margin = np.maximum(offset - np.vecdot(normal, there), bound)
     return Margins(face, k, time, margin, bound, free, pushed)
@@ -237,8 +235,7 @@ def least_inside(
 ) -> Nearest:
     """How far craft stay inside of corridors at any time of an arc that is given as in ``nearest``.
 
-    In each trial the least distance inside of a face, below 0 outside, with the craft and the
-    number of the corridor as ``first`` and ``second``. Each stretch that counts is cut into cubics.
+    Of each trial, below 0 outside, with craft and number of the corridor as ``first``, ``second``.
     """
     trials, pieces = len(states), states.shape[2]
     length = duration / pieces

@@ -12,20 +12,15 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
 
-NO_BURN = 1e-9
-"""Acceleration in m/s² up to which a control is rounding of the planner's and no burn."""
+NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding of the planner's
 
 # Largest errors, SI: beyond any with which craft would be flown near each other
 MOST = {
-    **dict.fromkeys(("position", "position_bias", "semi_major_axis"), 1e3),
+    **dict.fromkeys(("position", "position_bias", "semi_major_axis", "timing"), 1e3),
     **dict.fromkeys(("velocity", "velocity_bias", "magnitude_fixed", "direction_fixed"), 10.0),
     **dict.fromkeys(("magnitude", "direction", "magnitude_bias", "direction_bias"), 0.3),
-    "timing": 1e3,
+    **dict.fromkeys(("latency", "impulse_bit", "missed", "lost"), 1.0),
     "navigation_time": 1e7,
-    "latency": 1.0,
-    "impulse_bit": 1.0,
-    "missed": 1.0,
-    "lost": 1.0,
 }
 
 
@@ -71,8 +66,8 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         fields_as_python(self)
-        for field in fields(self):
-            check_range(field.name, getattr(self, field.name), 0.0, MOST[field.name])
+        for name, value in vars(self).items():
+            check_range(name, value, 0.0, MOST[name])
         if self.latency not in (0, 1):
             raise InputError(
                 f"latency is {self.latency:g}; expected 0 or 1, the intervals by which states are "
@@ -89,16 +84,13 @@ class Dispersion:
     """Errors of each craft's motion about its plan, linear in J standard normals.
 
     The normals are those of the errors of navigation, three of each burn and four of a craft's
-    thrusters. Craft err independently, so that covariances of a pair's difference are the sums of
-    both craft's.
+    thrusters. Craft err independently: covariances of a pair's difference are sums of both craft's.
     """
 
-    state: Float[Array, "n T 6 J"]  # of those normals on each node's state, m and m/s
-    control: Float[Array, "n intervals 3 J"]  # of them on each interval's control, m/s²
+    state: Float[Array, "n T 6 J"]  # effect on each node's state, m and m/s
+    control: Float[Array, "n intervals 3 J"]  # effect on each interval's control, m/s²
     commanded: Float[Array, "n intervals 3 3"]  # covariance of what feedback adds to controls
-    # of the normals, those of a craft's own thrusters: of a pair each craft has its own, while all
-    # others are joint ones, of the same maps
-    own: int = 0
+    own: int = 0  # normals that a pair has twice, each craft's thrusters'; others have joint maps
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:
@@ -116,20 +108,15 @@ class Dispersion:
         return self.covariance[first, interval] + self.covariance[second, interval]
 
     def most_acceleration(self, problem: Problem) -> Float[Array, "n intervals"]:
-        """Upper bound on the root mean square error of the acceleration in each interval, m/s².
-
-        The Frobenius norm, whose square is the mean square, obeys the triangle inequality.
-        """
+        """Upper bound on the root mean square error of the acceleration in each interval, m/s²."""
+        # The Frobenius norm, whose square is the mean square, obeys the triangle inequality.
         intervals = np.arange(problem.intervals)[:, None]
         columns = self.state[:, :-1].mT, self.control.mT
-        bound = problem.dynamics.most_acceleration(*columns, problem.time_step, intervals)
-        return norm(bound)
+        return norm(problem.dynamics.most_acceleration(*columns, problem.time_step, intervals))
 
     def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
-        """Upper bound on the root mean square distance from the plan in each interval, m.
-
-        Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord.
-        """
+        """Upper bound on the root mean square distance from the plan in each interval, m."""
+        # Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord.
         at_nodes = np.sqrt(np.square(self.state[:, :, :3]).sum(axis=(2, 3)))
         bend = self.most_acceleration(problem) * problem.time_step**2 / 8
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
@@ -138,11 +125,7 @@ class Dispersion:
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:
-    """Linear covariance analysis of craft that fly given controls, m/s².
-
-    Whatever states they start from, in open loop or with ``pipeline.orbit.feedback`` from an
-    estimate at each node.
-    """
+    """Linear covariance analysis of craft that fly controls, m/s², in open or closed loop."""
     noise, bias = navigation_roots(uncertainty, problem)
     burn = burn_deviation(controls, problem, uncertainty)
     thruster = thruster_deviation(controls, uncertainty)
@@ -163,10 +146,9 @@ def navigation_roots(
     """Roots of the covariances of known states, m and m/s: of what is new at a node, and bias."""
     noise = np.diag(np.repeat([uncertainty.position, uncertainty.velocity], 3))
     bias = np.diag(np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3))
-    if uncertainty.semi_major_axis > 0:
+    if (size := uncertainty.semi_major_axis) > 0:
         rate = problem.mean_motion
-        noise[4] = 0.0
-        noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * uncertainty.semi_major_axis / 2
+        noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * size / 2
     return noise, bias
 
 
@@ -204,25 +186,22 @@ def _driven(
     thruster: Float[Array, "n intervals 3 4"],
 ) -> Dispersion:
     """Responses to errors of navigation, of burns and of thrusters with such roots."""
-    n, m = burn.shape[:2]
-    count = len(known)
+    (n, m), count = burn.shape[:2], len(known)
 
     def columns(navigation: Array, burns: Array) -> Array:
         T, size, _ = navigation.shape
         found = np.empty((n, T, size, count + 3 * m + 4))
         found[..., :count] = navigation @ known
-        reach = burns.reshape(T, size, m, 3).transpose(0, 2, 1, 3)
-        of_burns = (reach @ burn[:, None]).swapaxes(2, 3).reshape(n, T, size, 3 * m)
-        found[..., count:-4] = of_burns
+        reach = burns.reshape(T, size, m, 3).transpose(0, 2, 1, 3) @ burn[:, None]
+        found[..., count:-4] = reach.swapaxes(2, 3).reshape(n, T, size, 3 * m)
         found[..., -4:] = burns @ thruster.reshape(n, 1, 3 * m, 4)
         return found
 
     state = columns(to.state_to_navigation, to.state_to_burns)
     control = columns(to.control_to_navigation, to.control_to_burns)
     commanded = control @ control.mT
-    of_burns, each = control[..., count:-4].reshape(n, m, 3, m, 3), np.arange(m)
-    of_burns[:, each, :, each] += burn.swapaxes(0, 1)
-    control[..., count:-4] = of_burns.reshape(n, m, 3, 3 * m)
+    for k in range(m):
+        control[:, k, :, count + 3 * k : count + 3 * k + 3] += burn[:, k]
     control[..., -4:] += thruster
     own = 4 if thruster.any() else 0
     used = slice(None if own else -4)
@@ -237,9 +216,9 @@ def burn_deviation(
 ) -> Float[Array, "n intervals 3 3"]:
     """The symmetric square root of each burn's covariance, by Gates's model, m/s².
 
-    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. To a
-    control that has the covariance ``commanded`` C itself, its error has the covariance
-    σd² (tr C I - C) + σm² C besides; the larger of both fixed errors counts along every axis.
+    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. Where a
+    control has the covariance ``commanded`` C itself, its error has σd² (tr C I - C) + σm² C more;
+    the larger of both fixed errors counts along every axis.
     """
     size = norm(controls)[..., None, None]
     along, across = uncertainty.magnitude, uncertainty.direction
@@ -248,10 +227,10 @@ def burn_deviation(
     fixed = max(uncertainty.magnitude_fixed, uncertainty.direction_fixed) / problem.time_step
     if commanded is None and fixed == 0:
         return root
-    covariance = root @ root + fixed**2 * np.eye(3) * (size > NO_BURN)
+    counts = size > NO_BURN if commanded is None else True
+    covariance = root @ root + fixed**2 * np.eye(3) * counts
     if commanded is not None:
         total = np.trace(commanded, axis1=-2, axis2=-1)[..., None, None]
-        covariance = root @ root + fixed**2 * np.eye(3)
         covariance += across**2 * total * np.eye(3) + (along**2 - across**2) * commanded
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :] @ vectors.mT

@@ -1,18 +1,11 @@
 """Decoupled optima of one craft: least fuel by a table of facets, least thrust limit by an LP.
 
-The fuel that brings about a change b of the final state is a linear program, min ‖u‖₁ subject to
-R u = b, and its value is the gauge of the convex hull of R's columns and their negatives: by how
-much the hull must grow until b is on it. What the ray to b meets is a facet, and a facet is all
-that a simplex method looks for:
-
-- its corners are the optimal basis: which thrusters burn in which intervals, in which direction;
-- the weights by which they give b are how much they burn, the primal solution;
-- its normal y, with yᵀp = 1 at the corners, is the dual one: |Rᵀy| ≤ 1, so no u needs less than
-  bᵀy (weak duality), and by the facet exactly that is needed.
-
-R is the same for all craft of a problem, so the facets are found once, by Qhull, and every craft
-is a product and a maximum. Where motions are decoupled, as in-plane and cross-track are, each has
-a hull of its own, of few dimensions.
+The least fuel for a change b of the final state, min ‖u‖₁ subject to R u = b, is the gauge of the
+convex hull of R's columns and their negatives. The facet that the ray to b meets has the optimal
+basis at its corners, which thrusters burn when and which way; the weights by which they give b are
+the burns; and its normal y, with yᵀp = 1 at the corners and so |Rᵀy| ≤ 1, is the dual solution.
+R is the same for all craft of a problem: Qhull finds its facets once. Decoupled motions, such as
+in-plane and cross-track, have hulls of their own, of few dimensions.
 """
 
 from dataclasses import dataclass
@@ -27,7 +20,7 @@ from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.hulls import corners
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import minimum_energy, transfer_maps
+from pipeline.orbit.transfer import transfer_maps
 
 NEGLIGIBLE = 1e-12  # share of R's largest entry that counts as 0; velocities times the duration
 FLAT = 1e10  # condition number from which a facet is flat; others cover what it would
@@ -54,9 +47,7 @@ class MinimumFuelTransfers:
     controls: Float[Array, "N intervals 3"]  # m/s²
     bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, m/s²
     dual: Float[Array, "N 6"]  # y that proves it: bound = missᵀy and |reachᵀy| ≤ 1
-    # basic variables: the number of a control, flattened by time, or 3(T-1) more where it acts in
-    # the negative direction
-    basis: Int[Array, "N 6"]
+    basis: Int[Array, "N 6"]  # controls of the basis, flattened by time; + 3(T-1) if negative
     exact: Bool[Array, "N"]  # whether the controls need no more than the bound but for rounding
 
 
@@ -134,54 +125,39 @@ def _facets(
 
 
 def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
-    """Least limit on each component, or thruster, that lets craft join their two states, m/s².
+    """Least limit on components, or thrusters, that lets craft join their two states, m/s².
 
-    States are m and m/s, and the kind of thrust is the problem's. Its own limit is ignored;
-    infinite where no thrust reaches the goal. A thruster that is pointed has limits of its
-    components.
+    Infinite where no thrust does. A thruster that is pointed has limits of its components.
     """
-    maps, scale = transfer_maps(problem), acceleration_scale(problem)
-    miss = (goal - np.matvec(maps.drift[-1], initial)) * scale
-    reach = np.tile(maps.reach[-1] * scale[:, None], (len(miss), 1, 1))
-    controls = minimum_energy(initial, goal, problem).reshape(len(miss), -1)
-    return _least_limits(miss, reach, controls, problem)
+    maps = transfer_maps(problem)
+    miss = goal - np.matvec(maps.drift[-1], initial)
+    burns = np.ones((len(miss), problem.intervals), dtype=bool)
+    return least_limits_within(miss, maps.reach[-1:], burns, problem)
 
 
 def least_limits_within(
     miss: Float[Array, "n r"],
-    reach: Float[Array, "n r m"],
+    reach: Float[Array, "#n r m"],
     burns: Bool[Array, "n intervals"],
     problem: Problem,
 ) -> Float[Array, "n"]:
-    """The same of changes of the states at some nodes, of craft that may not burn at all times.
+    """The same of changes of states at some nodes, m and m/s, of craft that burn at some times.
 
-    Changes are six for each node, m and m/s; reach is the effect of flattened controls on them.
-    """
-    scale = np.tile(acceleration_scale(problem), miss.shape[1] // 6)
-    reach = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None]
-    miss = miss * scale
-    return _least_limits(miss, reach, np.matvec(np.linalg.pinv(reach), miss), problem)
-
-
-def _least_limits(
-    miss: Float[Array, "n r"],
-    reach: Float[Array, "n r m"],
-    controls: Float[Array, "n m"],
-    problem: Problem,
-) -> Float[Array, "n"]:
-    """The same of scaled changes, and of controls that make them where any do.
-
-    A linear program for each craft: with every component of w within ±1, or every thrust from 0 to
-    1, how many times s the change b can R w = s b be? A limit of 1/s is what it takes. All are
-    solved in one call, scaled by those controls.
+    Reach is the effect of flattened controls on these changes, six for each node. A linear program
+    for each craft: with every component of w within ±1, or every thrust from 0 to 1, how many times
+    s the change b can R w = s b be? A limit of 1/s is what it takes. All are solved in one call,
+    scaled by the controls of least energy.
     """
     # Slow to import, and only a check of a scenario needs them.
     from scipy.optimize import linprog
     from scipy.sparse import block_diag, csr_array, hstack
 
     rows = miss.shape[1]
-    least = np.tile(MISSED * acceleration_scale(problem), rows // 6)
+    scale = np.tile(acceleration_scale(problem), rows // 6)
+    reach, miss = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None], miss * scale
+    controls = np.matvec(np.linalg.pinv(reach), miss)
     left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
+    least = np.tile(MISSED, rows // 6) * scale
     short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), least)
     missed = (left > short).any(axis=1)
     limits = np.where(missed, np.inf, 0.0)
@@ -190,10 +166,8 @@ def _least_limits(
         return limits
     low, thrust = -1.0, problem.thrust
     if not isinstance(thrust.model, str):
-        low = 0.0
-        reach = (reach.reshape(len(reach), rows, -1, 3) @ np.array(thrust.model).T).reshape(
-            len(reach), rows, -1
-        )
+        low, n = 0.0, len(reach)
+        reach = (reach.reshape(n, rows, -1, 3) @ np.array(thrust.model).T).reshape(n, rows, -1)
     wanted = (miss[moving] / enough[moving, None])[..., None]
     n, m = len(moving), reach.shape[2]
     blocks = (block_diag([csr_array(one) for one in parts]) for parts in (reach[moving], -wanted))
@@ -221,9 +195,9 @@ def least_cost(
 ) -> float:
     """Lower bound on one craft's fuel, m/s², for given changes of its states at some nodes.
 
-    By a linear program of thrusters; in place of one that is pointed, of so many and so strong ones
-    that it does nothing more cheaply. Infinite where none meets the goal. Changes and reach are as
-    in ``least_limits_within``; the most is the limit on each component or thruster, m/s².
+    By a linear program of thrusters; for one that is pointed, of so many that it does nothing more
+    cheaply. Infinite where none meets the goal. Changes and reach are as in
+    ``least_limits_within``; the most is the limit on each component or thruster, m/s².
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 

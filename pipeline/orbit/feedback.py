@@ -1,9 +1,8 @@
 """Linear feedback about a plan: at each node what is estimated to be off is corrected.
 
-The estimated deviation from the plan is to be nulled within the next 0.15 orbits, or at the goal
-where that comes before, by the change of controls of least energy; and of that change the first
-interval is flown. In the last interval three components of control are left for six of a state,
-and what is left of ‖Δp‖² + ‖Δv/e‖² is least.
+The estimated deviation is to be nulled within the next 0.15 orbits, or at an earlier goal, by the
+change of controls of least energy, of which the first interval is flown. In the last interval, with
+three components for six of a state, ‖Δp‖² + ‖Δv/e‖² is least.
 """
 
 import math
@@ -25,8 +24,7 @@ CORRECTED = 1e-100  # response to an error below which there is none, SI
 @lru_cache(maxsize=32)
 def feedback_gains(problem: Problem) -> Float[Array, "intervals 3 6"]:
     """K of δu = K δs at each node: the change of a control, m/s², for a deviation, m and m/s."""
-    intervals = problem.intervals
-    period = 2 * np.pi / problem.mean_motion
+    intervals, period = problem.intervals, 2 * np.pi / problem.mean_motion
     horizon = max(2, math.ceil(WITHIN * period / problem.time_step))
     gains = np.zeros((intervals, 3, 6))
     for node in range(intervals - 1):
@@ -47,16 +45,16 @@ def last_control(problem: Problem) -> Float[Array, "3 6"]:
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """How errors of navigation and of burns move a craft, and its controls, about its plan.
+    """Responses of a craft's states and commanded controls to errors of navigation and burns.
 
-    Of J_s components of the errors of navigation: in open loop those of the initial state; with
-    feedback first the six of its bias, then six at each node but the last.
+    The J_s components of navigation are in open loop those of the initial state; with feedback the
+    six of its bias, and then six at each node but the last.
     """
 
     state_to_navigation: Float[Array, "T 6 J_s"]
     state_to_burns: Float[Array, "T 6 m"]  # errors of controls, flattened by time, m = 3(T-1)
-    control_to_navigation: Float[Array, "intervals 3 J_s"]  # of what is commanded
-    control_to_burns: Float[Array, "intervals 3 m"]  # of what is commanded
+    control_to_navigation: Float[Array, "intervals 3 J_s"]
+    control_to_burns: Float[Array, "intervals 3 m"]
 
 
 @lru_cache(maxsize=32)
@@ -70,10 +68,8 @@ def open_loop_responses(problem: Problem) -> Responses:
 @lru_cache(maxsize=32)
 @np.errstate(under="ignore")
 def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
-    """With feedback from an estimate at each node but the first, where the estimate is the plan.
-
-    Where estimates are late, from that of the node before, carried on by what was commanded since.
-    """
+    """With feedback from an estimate at each node but the first, where the estimate is the plan."""
+    # A late estimate is that of the node before, carried on by what was commanded since.
     intervals, gains = problem.intervals, feedback_gains(problem)
     known, count = 6 * (1 + intervals), 9 * intervals + 6
     A, B = step_maps(problem)
@@ -92,6 +88,5 @@ def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
         states[k + 1] = A[k] @ states[k] + B[k] @ pushed
     for some in (states, controls):
         some[np.abs(some) < CORRECTED] = 0.0  # whose squares would underflow
-    return Responses(
-        states[..., :known], states[..., known:], controls[..., :known], controls[..., known:]
-    )
+    parts = (part for some in (states, controls) for part in np.split(some, [known], axis=2))
+    return Responses(*parts)

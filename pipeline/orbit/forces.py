@@ -28,9 +28,8 @@ AIR = (
     (900e3, 5.245e-15, 181.05e3),
     (1000e3, 3.019e-15, 268.00e3),
 )
-"""Base height in m, density there in kg/m³, scale height in m, of mean solar activity (Vallado,
-"Fundamentals of Astrodynamics and Applications", exponential atmospheric model, after Wertz
-1978)."""
+"""Base height, m, density there, kg/m³, scale height, m, of mean solar activity (Vallado,
+"Fundamentals of Astrodynamics and Applications", exponential model, after Wertz 1978)."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +47,12 @@ class Atmosphere:
 
 def atmosphere_near(height: float) -> Atmosphere:
     """The layer of AIR of a height in m, continued to both sides; InputError below all of them."""
-    below = [layer for layer in AIR if layer[0] <= height]
-    if not below:
+    if height < AIR[0][0]:
         raise InputError(
             f"the reference orbit is {height / 1e3:.0f} km high; expected at least "
             f"{AIR[0][0] / 1e3:.0f} km for drag: leave drag out."
         )
-    return Atmosphere(*below[-1])
+    return Atmosphere(*max(layer for layer in AIR if layer[0] <= height))
 
 
 def gravity_gradient(position: Vector, *, j2: bool) -> Float[Array, "*batch 3 3"]:
@@ -92,11 +90,10 @@ def oblateness(position: Vector) -> Vector:
     return added
 
 
-def drag(states: AnyState, ballistic: Scalar, air: Atmosphere) -> Vector:
-    """Drag, -½ ρ B |v| v with v against the turning air, m/s².
+def drag(states: AnyState, ballistic: Scalar | float, air: Atmosphere) -> Vector:
+    """Drag, -½ ρ B |v| v with v against the turning air, m/s², at inertial states, m and m/s.
 
-    States are inertial, m and m/s, B = C_D A/m is the ballistic coefficient, m²/kg; the air's
-    density is by height above a sphere of the Earth's equatorial radius.
+    B = C_D A/m is the ballistic coefficient, m²/kg; heights are above a sphere of Earth's equator.
     """
     velocity = _through_air(states)
     density = air.density_at(norm(states[..., :3]) - R_EARTH)

@@ -28,11 +28,9 @@ class Elements:
         """Elements of an inertial state, m and m/s, with angles from 0 to 2π, and u = ω + ν, rad.
 
         The inverse of ``states``, from the angular momentum h, and e cos ν = p/r - 1,
-        e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Where the orbit is equatorial within
-        rounding there is no ascending node, and Ω is 0; where it is a circle within rounding there
-        is no perigee, and ω is 0. Near these Ω and ω are sensitive to the state, but u is counted
-        from the same node, and all elements together give the state back. InputError for a state
-        on no closed orbit.
+        e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Within rounding of an equatorial orbit
+        Ω is 0, and of a circle ω. Near these Ω and ω are sensitive to the state, but all elements
+        together give it back. InputError for a state on no closed orbit.
         """
         position, velocity = state[:3], state[3:]
         momentum = np.cross(position, velocity)
@@ -58,16 +56,12 @@ class Elements:
         if eccentricity <= UNDEFINED:
             eccentricity, perigee = 0.0, 0.0
         axis = parameter / (1 - eccentricity**2)
-        angles = (float(angle % (2 * np.pi)) for angle in (raan, perigee, latitude))
-        raan, perigee, u = angles
+        raan, perigee, u = (float(angle % (2 * np.pi)) for angle in (raan, perigee, latitude))
         return cls(axis, float(inclination), raan, eccentricity, perigee), u
 
     def states(self, argument_of_latitude: Scalar) -> AnyState:
-        """Inertial states at u = ω + ν (rad), m and m/s.
-
-        The orbit equation and the velocity along the radius and across it (Curtis, "Orbital
-        Mechanics for Engineering Students", sections 2.4 and 4.6).
-        """
+        """Inertial states at u = ω + ν (rad), m and m/s."""
+        # Curtis, "Orbital Mechanics for Engineering Students", sections 2.4 and 4.6
         u, eccentricity = np.asarray(argument_of_latitude), self.eccentricity
         anomaly = u - self.argument_of_perigee
         parameter = self.semi_major_axis * (1 - eccentricity**2)
@@ -99,8 +93,8 @@ class Frame(Rows):
 
     def from_inertial(self, relative: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
         """The inverse of ``to_inertial``."""
-        turned = self.axes.swapaxes(-1, -2)
-        position, moving = (np.matvec(turned, v) for v in (relative[..., :3], relative[..., 3:]))
+        position = np.matvec(self.axes.mT, relative[..., :3])
+        moving = np.matvec(self.axes.mT, relative[..., 3:])
         return np.concatenate([position, moving - np.cross(self.rate, position)], axis=-1)
 
 

@@ -22,9 +22,6 @@ from pipeline.orbit.transfer import free_drift
 SHORTEST = 2 * RANGES["time_step"][0]
 
 
-Encounters = Iterator[tuple[int, int, Separation]]  # craft or their goals, and how close they come
-
-
 def unavoidable(
     initial: Formation,
     goal: Formation,
@@ -33,17 +30,13 @@ def unavoidable(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
-    """The closest encounter within the collision radius that follows from the ends, or None.
-
-    Or within the radii of both, m, where craft have these; obstacles, which need them, are numbered
-    after the craft.
-    """
-    there = at_the_end(obstacles, problem)
-    after = problem, orbits, problem.nodes - 1, radii, there
-    met = [one for _, _, one in _encounters(goal, *after)]
+    """The closest encounter within r_col, or both radii, that follows from the ends, or None."""
+    # Obstacles, which need radii, are numbered after the craft.
+    there, last = at_the_end(obstacles, problem), problem.nodes - 1
+    met = list(_encounters(goal, problem, orbits, last, radii, there))
     if obstacles:
         before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
-        met += [one for _, other, one in before if other >= len(goal)]
+        met += [one for one in before if one.pair and one.pair[1] >= len(goal)]
     starts = _starts_with_goals(initial, goal, problem, orbits, radii)
     met += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
     return min(met, key=lambda one: one.distance, default=None)
@@ -72,16 +65,17 @@ def _starts_with_goals(
     problem: Problem,
     orbits: float,
     radii: Values | None = None,
-) -> Encounters:
-    """Encounters after the plan: of craft adrift from their starts with others on goals' orbits."""
+) -> Iterator[tuple[int, int, Separation]]:
+    """Encounters after the plan of craft adrift from their starts with others on goals' orbits."""
     n = len(goal)
     A = problem.dynamics.drift(0, problem.intervals)
     both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
     longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
     radii = None if radii is None else np.tile(radii, 2)
-    for first, second, one in _encounters(both, problem, longer, 0, radii):
-        if first < n <= second:
-            yield first, second - n, replace(one, pair=(first, second - n))
+    for one in _encounters(both, problem, longer, 0, radii):
+        if one.pair and one.pair[0] < n <= one.pair[1]:
+            craft, taken = one.pair[0], one.pair[1] - n
+            yield craft, taken, replace(one, pair=(craft, taken))
 
 
 def _encounters(
@@ -92,7 +86,7 @@ def _encounters(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
     begin: float | None = None,
-) -> Encounters:
+) -> Iterator[Separation]:
     """Encounters within the collision radius in free drift from some s, or the plan's end, on."""
     if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
         return
@@ -103,6 +97,5 @@ def _encounters(
     found = close_approaches(flown, idle, drift, problem.collision_radius, swarms=swarms)
     time = begin + found.times(drift)
     for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
-        i, j = int(found.first[k]), int(found.second[k])
-        distance, bound = float(found.distance[k]), float(found.bound[k])
-        yield i, j, Separation(distance, bound, (i, j), float(time[k]), node)
+        pair, apart = (int(found.first[k]), int(found.second[k])), float(found.distance[k])
+        yield Separation(apart, float(found.bound[k]), pair, float(time[k]), node)

@@ -1,29 +1,22 @@
 """Linear time-varying motion relative to any bound orbit, by its variational equations.
 
-About the reference a craft's inertial difference obeys ẍ = G x + D ẋ + C u, with the gradient
-(G, D) of all forces along the reference, the LVLH axes C as columns, and a control u that is
-constant along them over an interval. Each interval is cut into pieces, over which this is solved
-by collocation at Chebyshev points (Boyd, "Chebyshev and Fourier Spectral Methods", ch. 6), and
-then seen from the turning frame. The maps are polynomials in time, exact to rounding.
+A craft's inertial difference obeys ẍ = G x + D ẋ + C u, with the gradient (G, D) of all forces at
+the reference, the LVLH axes C as columns, and u constant along them over an interval. In pieces of
+intervals it is solved by collocation at Chebyshev points (Boyd, "Chebyshev and Fourier Spectral
+Methods", ch. 6), and seen from the turning frame: polynomials in time, exact to rounding.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import lru_cache
+from math import ceil
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
+from pipeline.orbit import chebyshev
 from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.chebyshev import (
-    COEFFICIENTS,
-    INTEGRAL,
-    NODES,
-    POINTS,
-    basis,
-    most_derivative,
-    pieces_of,
-)
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -50,16 +43,13 @@ class Arcs:
 
     def window(self, intervals: slice) -> "Arcs":
         """Those of some intervals."""
-        given = fields(self)[1:]
-        return replace(self, **{one.name: getattr(self, one.name)[intervals] for one in given})
+        half, *others = vars(self).values()
+        return Arcs(half, *(one[intervals] for one in others))
 
 
 @dataclass(frozen=True)
 class LinearizedDynamics:
-    """Linear time-varying relative motion about any orbit, with matrices for each interval.
-
-    States and controls are as in ``ClohessyWiltshire``.
-    """
+    """Linear time-varying motion about any orbit, as ``ClohessyWiltshire`` about a circle."""
 
     orbit: ReferenceOrbit
     time_step: float  # length of an interval, s
@@ -76,10 +66,7 @@ class LinearizedDynamics:
         return arcs_of(self.orbit, self.time_step, self.intervals)
 
     def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
-        """Transition matrices of Eq. 2, s(t) = A s(0) + B u, at times from an interval's start, s.
-
-        Or from some s ``since`` its start; within the interval alone.
-        """
+        """As ``ClohessyWiltshire.step``, within the interval alone."""
         A, B = self._from_start(np.asarray(time) + since, interval)
         if np.any(since):
             before, pushed = self._from_start(since, interval)
@@ -98,7 +85,7 @@ class LinearizedDynamics:
         return maps[..., :6], maps[..., 6:]
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
-        """A from one node to another, without control; intervals may lie beyond the plan's."""
+        """As ``ClohessyWiltshire.drift``."""
         furthest = max(int(np.max(one, initial=0)) for one in (first, last))
         nodes = _nodes(self.orbit, self.time_step, self._count(furthest - 1))
         return nodes[last] @ np.linalg.inv(nodes[first])
@@ -106,7 +93,7 @@ class LinearizedDynamics:
     def _count(self, interval: Interval) -> int:
         """Intervals that are tabled where some are asked for: few different numbers."""
         beyond = int(np.max(interval, initial=0)) + 1 - self.intervals
-        return self.intervals + (0 if beyond <= 0 else -(-beyond // AHEAD) * AHEAD)
+        return self.intervals + max(0, ceil(beyond / AHEAD)) * AHEAD
 
     def _covering(self, interval: Interval) -> Arcs:
         return arcs_of(self.orbit, self.time_step, self._count(interval))
@@ -120,7 +107,7 @@ class LinearizedDynamics:
     def most_fourth_derivative(
         self, start: AnyState, control: Vector, interval: Interval, since: Since = 0.0
     ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴: the error of a cubic interpolant."""
+        """As ``ClohessyWiltshire.most_fourth_derivative``, over the interval."""
         if np.any(since):
             before, pushed = self._from_start(since, interval)
             start = np.matvec(np.linalg.inv(before), start - np.matvec(pushed, control))
@@ -145,7 +132,7 @@ def _nodes(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Float[Arr
 @lru_cache(maxsize=16)
 def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     """The reference and the maps in some intervals, computed once."""
-    pieces = pieces_of(orbit.fastest * time_step)
+    pieces = chebyshev.pieces_of(orbit.fastest * time_step)
     half = time_step / pieces / 2
     begins = 2 * half * np.arange(intervals * pieces)
     ends = begins[:, None] + half * (1 + NODES[1:])
@@ -169,6 +156,7 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
         passed[..., 6:] += maps[:, m, ..., 6:]
         maps[:, m] = passed
     rates = maps[..., 3:, :].reshape(*shape, 27)
+    most = [chebyshev.most_derivative(rates, order, half).max(axis=1) for order in (1, 3)]
     return Arcs(
         half,
         origin.reshape(*shape, 6),
@@ -178,20 +166,15 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
         maps,
         (COEFFICIENTS @ maps.reshape(*shape, 54)).reshape(maps.shape),
         np.linalg.inv(maps[..., :6])[..., 3:],
-        *(
-            most_derivative(rates, order, half).max(axis=1).reshape(intervals, 3, 9)
-            for order in (1, 3)
-        ),
+        *(one.reshape(intervals, 3, 9) for one in most),
     )
 
 
 def _inertial_maps(
     gradient: Float[Array, "P q 3 6"], axes: Float[Array, "P q 3 3"], half: float
 ) -> Float[Array, "P q 6 9"]:
-    """Inertial state at each point from that at the piece's start and the LVLH control.
-
-    Time is in units of ``half``, s, and so are velocities, so that all numbers are of one size.
-    """
+    """Inertial state at each point from that at the piece's start and the LVLH control."""
+    # Time is in units of ``half``, s, and so are velocities, so that all numbers are of one size.
     P, q, _, _ = gradient.shape
     motion = np.zeros((P, q, 6, 6))
     motion[..., :3, 3:] = np.eye(3)

@@ -1,13 +1,12 @@
 """Mean elements: osculating elements without their short-period variations by J2, to first order.
 
-Mean elements are kept as the inertial state whose osculating elements they are. The short-period
-variations are found by the method of averaging: Gauss's equations along the mean orbit, less
-their average, are integrated such that the integral averages to zero over a revolution
-(the short-period terms of Brouwer 1959, "Solution of the problem of artificial satellite theory
-without drag"; Gauss's equations: Battin, "An Introduction to the
-Mathematics and Methods of Astrodynamics", section 10.3). Elements are semi-major axis, the vector
-of eccentricity, mean longitude and the direction of the orbital plane, all relative to the LVLH
-axes, so that neither circles nor equatorial orbits are singular.
+They are kept as the inertial state whose osculating elements they are. By the method of averaging,
+Gauss's equations along the mean orbit, less their average, are integrated such that the integral
+averages to zero over a revolution (short-period terms: Brouwer 1959, "Solution of the problem of
+artificial satellite theory without drag"; Gauss's equations: Battin, "An Introduction to the
+Mathematics and Methods of Astrodynamics", section 10.3). Semi-major axis, vector of eccentricity,
+mean longitude and direction of the orbital plane, all relative to the LVLH axes, are regular for
+circles and equatorial orbits too.
 """
 
 from dataclasses import dataclass, replace
@@ -106,12 +105,12 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
     return np.asarray(np.eye(3) + first * columns + second * columns @ columns)
 
 
-def osculating_states(mean: Formation) -> Formation:
-    """Inertial states, m and m/s, of craft whose mean elements are those of other states.
-
-    The semi-major axis is that with which the energy, a constant of the motion, is the one of the
-    mean elements: so it is known to second order but for a constant, and along-track drift with it.
-    """
+def osculating_states(mean: Formation, *, j2: bool = True) -> Formation:
+    """Inertial states, m and m/s, of craft whose mean elements are those of other states."""
+    # By the energy, a constant of the motion, semi-major axes, and so along-track drifts, are known
+    # to second order but for a constant.
+    if not j2:
+        return mean
     elements = PlanarElements.of(mean)
     found = elements.changed(_periodic(elements))
     for _ in range(2):
@@ -136,9 +135,11 @@ def _mean_energy(mean: PlanarElements) -> OfCraft:
     return -MU_EARTH / (2 * a) + oblate
 
 
-def mean_states(osculating: Formation) -> Formation:
+def mean_states(osculating: Formation, *, j2: bool = True) -> Formation:
     """The inverse of ``osculating_states``, by fixed-point iteration."""
     found, far = osculating, norm(osculating[..., :3])
+    if not j2:
+        return osculating
     for _ in range(ITERATIONS):
         missed = osculating - osculating_states(found)
         found = found + missed
@@ -201,10 +202,8 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
 
 
 def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[OfCraft, OfCraft, OfCraft]:
-    """Of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2.
-
-    Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.
-    """
+    """Rates of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2."""
+    # Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6
     elements = PlanarElements.of(mean)
     n, square = elements.mean_motion, 1 - elements.eccentricity_squared
     cos = elements.axes[..., 2, 2]  # of the inclination

@@ -1,31 +1,24 @@
 """Motion about a reference in all terms of gravity, J2 and drag, by collocation.
 
-A craft's state obeys the linear equations with one acceleration more: that by which the forces on
-it differ from those on the reference and their gradient. It is of second order in the distance, so
-that fixed-point iteration over whole transfers converges in a few steps, each of which evaluates
-the forces on all craft and at all times at once (Picard iteration by Chebyshev points: Bai and
+A craft's state obeys the linear equations with one acceleration more, by which forces on it differ
+from those on the reference and their gradient. It is of second order in the distance: fixed-point
+iteration over whole transfers, for all craft and times at once, converges in a few steps (Bai and
 Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation").
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
+from pipeline.orbit import chebyshev
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import Controls, Formation, OfCraft, States
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.chebyshev import (
-    COEFFICIENTS,
-    INTEGRAL,
-    ITERATIONS,
-    NODES,
-    POINTS,
-    ROUNDING,
-    basis,
-)
+from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_inside
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
@@ -36,24 +29,21 @@ from pipeline.orbit.separation import Separation
 
 CONVERGED = 1e-9  # largest change of a position in the last iteration, m, or ROUNDING where far
 WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
-
 AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # share of an interval under which a rest of a drift is rounding
-
-Ballistics = OfCraft  # C_D A/m of each craft, m²/kg
 
 
 def flown_arcs(
     dynamics: LinearizedDynamics,
     initial: Formation,
     controls: Float[Array, "n K 3"],
-    ballistics: Ballistics,
+    ballistics: OfCraft,
     first: int = 0,
 ) -> Float[Array, "n K M q 6"]:
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
-    The first control is that of an interval of the plan. ProlearnError where craft are so far from
-    the reference that it does not converge, or come inside the Earth.
+    Ballistics are C_D A/m, m²/kg. The first control is of that interval of the plan. ProlearnError
+    where craft are so far from the reference that it does not converge, or come inside the Earth.
     """
     orbit, count = dynamics.orbit, controls.shape[1]
     parts = ceil(orbit.fastest * dynamics.time_step / WINDOW)
@@ -77,33 +67,59 @@ def flown_arcs(
     return found
 
 
-def fly_in_world(
-    initial: Formation, controls: Controls, problem: Problem
-) -> tuple[States, Separation]:
-    """Node states of controls (m/s²) about a problem's reference orbit, and how close craft come.
+@dataclass(frozen=True, eq=False)
+class NonlinearFlight:
+    """The flight of controls about a problem's reference orbit in all terms of its forces."""
 
-    ``fly`` and ``least_separations`` are the same in linear motion. The separation is at any time.
-    """
-    arcs = _arcs(initial, controls, problem)
-    states = np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
-    return states, nearest(_pieces(arcs), 0.0, problem.duration).separation()
+    initial: Formation  # LVLH states at the first node, m and m/s
+    controls: Controls  # m/s²
+    problem: Problem
 
+    @cached_property
+    def arcs(self) -> Float[Array, "n K M q 6"]:
+        """States of craft at the points of all arcs, LVLH, m and m/s."""
+        dynamics = _dynamics(self.problem)
+        ballistics = dynamics.orbit.ballistics(len(self.initial))
+        return flown_arcs(dynamics, self.initial, self.controls, ballistics)
 
-def clear_in_world(
-    initial: Formation, controls: Controls, problem: Problem, swarms: SwarmPartition
-) -> Separation:
-    """The least separation of participants in that flight; obstacles have the mean ballistic."""
-    pieces = _pieces(_arcs_beside(initial, controls, _dynamics(problem), swarms))
-    found = nearest_between(pieces, pieces, swarms.pairs, 0.0, problem.duration, swarms)
-    return found.separation()
+    @property
+    def states(self) -> States:
+        """Node states, m and m/s."""
+        return np.concatenate([self.initial[:, None], self.arcs[:, :, -1, -1]], axis=1)
 
+    def separation(self, swarms: SwarmPartition | None = None) -> Separation:
+        """The least separation of craft at any time, or of participants by their sizes."""
+        duration = self.problem.duration
+        if swarms is None:
+            return nearest(_pieces(self.arcs), 0.0, duration).separation()
+        dynamics = _dynamics(self.problem)
+        pieces = _pieces(_arcs_beside(self.initial, self.controls, dynamics, swarms))
+        return nearest_between(pieces, pieces, swarms.pairs, 0.0, duration, swarms).separation()
 
-def margin_in_world(
-    initial: Formation, controls: Controls, problem: Problem, faces: Faces
-) -> Nearest:
-    """How far inside of corridors craft stay in that flight: ``least_inside``."""
-    pieces = _pieces(_arcs(initial, controls, problem))
-    return least_inside(pieces, faces, 0.0, problem.duration)
+    def margin(self, faces: Faces) -> Nearest:
+        """How far inside of corridors craft stay: ``least_inside``."""
+        return least_inside(_pieces(self.arcs), faces, 0.0, self.problem.duration)
+
+    def deviation(self, states: States) -> float:
+        """Upper bound on its distance from linear motion that starts at each node's state, m."""
+        # Of any craft at any time, by the sum of the difference's absolute Chebyshev coefficients.
+        arcs, dynamics = self.arcs[..., :3], self.problem.dynamics
+        pieces = arcs.shape[2]
+        share = (np.arange(pieces)[:, None] + (1 + NODES) / 2).ravel() / pieces
+        each = np.arange(self.problem.intervals)[:, None]
+        A, B = dynamics.step(share * self.problem.time_step, each)
+        linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, self.controls[:, :, None])
+        off = COEFFICIENTS @ (arcs - linear[..., :3].reshape(arcs.shape))
+        return float(norm(off).sum(axis=-1).max())
+
+    def between(self, time: Float[Array, "K t"]) -> Float[Array, "n K t 6"]:
+        """States at times since the start of each interval, s."""
+        pieces = self.arcs.shape[2]
+        along = time / self.problem.time_step * pieces
+        piece = np.clip(along.astype(int), 0, pieces - 1)
+        weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
+        each = np.arange(len(time))[:, None]
+        return np.asarray(np.einsum("ktq,nktqs->nkts", weights, self.arcs[:, each, piece]))
 
 
 def least_adrift_in_world(
@@ -115,9 +131,8 @@ def least_adrift_in_world(
 ) -> Separation:
     """The least distance of a craft that has lost its thrust at a node to another, in that flight.
 
-    It drifts for so many orbits from there, the last interval rounded up; the others fly on and
-    then drift from their goals. ``least_after_loss`` is the same in linear motion. Of a swarm with
-    obstacles, or radii, it is the least separation of participants.
+    As ``least_after_loss`` in linear motion; the last interval of a drift is rounded up. Of a swarm
+    with obstacles, or radii, it is the least separation of participants.
     """
     n, last = len(states), problem.intervals
     swarms = swarms or side_by_side((n,))
@@ -131,63 +146,21 @@ def least_adrift_in_world(
     both = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     least = Separation()
     for node in range(last + 1):
-        adrift = flown_arcs(dynamics, states[:, node], idle[:n], ballistics[:n], node)
+        adrift = flown_arcs(dynamics, states[:, node], idle, ballistics, node)
         for k in range(0, after, AT_ONCE):
-            part = slice(k, min(k + AT_ONCE, after))
-            lost = _pieces(adrift[:, part])
-            met = _pieces(others[:, node + part.start : node + part.stop])
-            begin, length = (node + part.start) * h, (part.stop - part.start) * h
-            found = nearest_between(lost, met, both, begin, length, swarms).separation()
-            bound = min(found.bound, least.bound)
-            if found.pair is not None and found.distance < least.distance:
-                least = replace(found, node=node)
-            least = replace(least, bound=bound)
+            end = min(k + AT_ONCE, after)
+            lost, met = _pieces(adrift[:, k:end]), _pieces(others[:, node + k : node + end])
+            when = (node + k) * h, (end - k) * h
+            found = nearest_between(lost, met, both, *when, swarms).separation()
+            nearer = replace(found, node=node) if found.distance < least.distance else least
+            least = replace(nearer, bound=min(found.bound, least.bound))
     return least
-
-
-def nodes_in_world(initial: Formation, controls: Controls, problem: Problem) -> States:
-    """The node states alone of the same flight."""
-    arcs = _arcs(initial, controls, problem)
-    return np.concatenate([initial[:, None], arcs[:, :, -1, -1]], axis=1)
-
-
-def most_deviation(states: States, controls: Controls, problem: Problem) -> float:
-    """Upper bound on the distance of a flight from linear motion that starts at each node, m.
-
-    Of any craft at any time, by the sum of the absolute Chebyshev coefficients of the difference.
-    """
-    arcs = _arcs(states[:, 0], controls, problem)[..., :3]
-    pieces = arcs.shape[2]
-    share = (np.arange(pieces)[:, None] + (1 + NODES) / 2).ravel() / pieces
-    each = np.arange(problem.intervals)[:, None]
-    A, B = _dynamics(problem).step(share * problem.time_step, each)
-    linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
-    off = COEFFICIENTS @ (arcs - linear[..., :3].reshape(arcs.shape))
-    return float(norm(off).sum(axis=-1).max())
-
-
-def flown_between(
-    initial: Formation, controls: Controls, problem: Problem, time: Float[Array, "K t"]
-) -> Float[Array, "n K t 6"]:
-    """States of the same flight at times since the start of each interval, s."""
-    arcs = _arcs(initial, controls, problem)
-    pieces = arcs.shape[2]
-    along = time / problem.time_step * pieces
-    piece = np.clip(along.astype(int), 0, pieces - 1)
-    weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
-    each = np.arange(len(time))[:, None]
-    return np.asarray(np.einsum("ktq,nktqs->nkts", weights, arcs[:, each, piece]))
 
 
 def _dynamics(problem: Problem) -> LinearizedDynamics:
     dynamics = problem.dynamics
     assert isinstance(dynamics, LinearizedDynamics)  # only about a reference orbit
     return dynamics
-
-
-def _arcs(initial: Formation, controls: Controls, problem: Problem) -> Float[Array, "n K M q 6"]:
-    dynamics = _dynamics(problem)
-    return flown_arcs(dynamics, initial, controls, dynamics.orbit.ballistics(len(initial)))
 
 
 def _pieces(arcs: Float[Array, "n K M q 6"]) -> Float[Array, "1 n pieces q 6"]:
@@ -214,13 +187,12 @@ def _window(
     orbit: ReferenceOrbit,
     start: Formation,
     controls: Float[Array, "n K 3"],
-    ballistics: Ballistics,
+    ballistics: OfCraft,
 ) -> Float[Array, "n K M q 6"]:
     """States at all points of some arcs, from states at the start of the first interval."""
-    linear = _linear(arcs, start, controls)
-    flown = linear
-    enough = max(CONVERGED, ROUNDING * float(np.abs(linear[..., :3]).max()))
-    for _ in range(ITERATIONS):
+    flown = linear = _linear(arcs, start, controls)
+    enough = max(CONVERGED, chebyshev.ROUNDING * float(np.abs(linear[..., :3]).max()))
+    for _ in range(chebyshev.ITERATIONS):
         added = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
         before, flown = flown, linear + added
         change = float(np.abs(flown - before)[..., :3].max())
@@ -268,7 +240,7 @@ def _added(arcs: Arcs, acceleration: Float[Array, "n K M q 3"]) -> Float[Array, 
 
 
 def _remainder(
-    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: Ballistics
+    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: OfCraft
 ) -> Float[Array, "n K M q 3"]:
     """Acceleration at LVLH states that the linear equations leave out, along LVLH axes, m/s²."""
     relative = arcs.frame.to_inertial(states)

@@ -1,10 +1,9 @@
 """Participants of unlike size, and obstacles: what no plan moves, such as a chief or debris.
 
 What a pair must keep apart is an ellipsoid along the LVLH axes: a sphere of both radii for two
-craft. Axes are scaled so that it becomes a sphere of its least semi-axis q. Scaling shrinks all
-distances, so that bounds on derivatives hold, and a scaled distance beyond q is one by which a pair
-is at least clear of the ellipsoid. Less q - r_col, scaled distances compare with r_col as those of
-craft alike do; the searches for closest approaches need nothing else.
+craft. Axes are scaled so that it becomes a sphere of its least semi-axis q: distances shrink, so
+that bounds on derivatives hold. Less q - r_col, scaled distances compare with r_col as those of
+craft alike do, and the searches for closest approaches need nothing else (``docs/mathematics.md``).
 """
 
 from collections.abc import Sequence
@@ -16,15 +15,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_range, check_vector
 from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
-from pipeline.orbit.arrays import (
-    Controls,
-    Indices,
-    Marked,
-    PositionMaps,
-    States,
-    Values,
-    Vectors,
-)
+from pipeline.orbit.arrays import Controls, Indices, Marked, PositionMaps, States, Values, Vectors
 from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import fly
@@ -66,10 +57,8 @@ class Obstacle:
 
     def __str__(self) -> str:
         x, y, z = self.axes
-        size = (
-            f"a radius of {x:g}" if self.semi_axes is None else f"semi-axes of {x:g}, {y:g}, {z:g}"
-        )
-        return f"{self.name} has {size} m"
+        axes = f"semi-axes of {x:g}, {y:g}, {z:g}"
+        return f"{self.name} has {axes if self.semi_axes else f'a radius of {x:g}'} m"
 
     @property
     def axes(self) -> tuple[float, ...]:
@@ -107,10 +96,7 @@ def at_the_end(obstacles: Sequence[Obstacle], problem: Problem) -> list[Obstacle
 
 
 class Participants(SwarmPartition):
-    """Swarms with a radius of each craft, and obstacles beside each, as one list of rows.
-
-    Craft come first, numbered as without; the obstacles of all swarms follow.
-    """
+    """Swarms with a radius of each craft, and then all obstacles, as one list of rows."""
 
     def __init__(
         self,
@@ -136,9 +122,9 @@ class Participants(SwarmPartition):
         e2 = problem.mean_motion**2
         # Constant control that holds each where it is, by Eq. 1, m/s²; none of those that drift
         self.pushes = np.where(self._holds[:, None], initial[:, :3] * [-3 * e2, 0.0, e2], 0.0)
-        idle = np.repeat(self.pushes[:, None], problem.intervals, axis=1)
-        self.controls: Controls = idle
-        self.states: States = fly(initial, idle, problem)  # of obstacles; of a flight, set anew
+        self.controls = np.repeat(self.pushes[:, None], problem.intervals, axis=1)
+        # Of obstacles; a flight sets its own.
+        self.states: States = fly(initial, self.controls, problem)
 
     @cached_property
     def pairs(self) -> Pairs:

@@ -19,24 +19,12 @@ from pipeline.orbit.approaches import (
     closest_to_origin,
     side_by_side,
 )
-from pipeline.orbit.arrays import (
-    AnyState,
-    Controls,
-    Indices,
-    Marked,
-    Scalar,
-    States,
-    Values,
-    Vector,
-    mapped,
-)
-from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.arrays import Controls, Indices, Marked, States, Values, mapped
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_sampled, distances_of
 
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
-NO_CANDIDATES = (np.zeros(0, dtype=int),) * 4
 
 
 def loss_encounters(
@@ -49,11 +37,10 @@ def loss_encounters(
     swarms: SwarmPartition | None = None,
     moved: Marked | None = None,
 ) -> Approaches:
-    """All encounters of drifting craft and others that may come within a distance.
+    """All encounters of craft adrift from a node with others ``within`` a distance, m.
 
-    A craft drifts for so many orbits from every node on. The distance ``within``, m, is of all
-    swarms or of each; by default there is one swarm. Encounters that do not depend on the controls
-    of ``moved`` craft are skipped.
+    The distance is of all swarms or of each; by default there is one. A drift takes so many orbits.
+    Encounters that do not depend on the controls of ``moved`` craft are skipped.
     """
     swarms = swarms or side_by_side((len(states),))
     reach = swarms.each(within)
@@ -61,8 +48,9 @@ def loss_encounters(
     moved = None if moved is None else swarms.marked(moved)
     found = []
     for length, since in paths.pieces:
+        none = (np.zeros(0, dtype=int),) * 4
         near = _candidates(paths, length, since, reach, swarms, moved)
-        which = map(np.concatenate, zip(NO_CANDIDATES, *near, strict=True))
+        which = map(np.concatenate, zip(none, *near, strict=True))
         found.append(_closest(paths, length, reach, which, swarms))
     return Approaches.concatenated(found)
 
@@ -70,11 +58,7 @@ def loss_encounters(
 def least_after_loss(
     states: States, controls: Controls, problem: Problem, orbits: float, swarms: SwarmPartition
 ) -> list[Separation]:
-    """The least distance of a drifting craft to another, of each swarm.
-
-    As in ``least_separations``, the least at the time steps of the drifts bounds it from above, and
-    is the least where rounding hides it from the search.
-    """
+    """The least distance of a drifting craft to another in each swarm, as ``least_separations``."""
     paths = _Paths(swarms.beside(states), swarms.pushed(controls), problem, orbits, swarms)
     least = _closest_at_steps(paths, swarms)
     found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
@@ -94,14 +78,12 @@ class _Paths:
     ) -> None:
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
-        whole = int(steps + NO_LENGTH)
+        whole = self.whole = int(steps + NO_LENGTH)  # M, time steps of a drift
         self.problem, self.last = problem, states.shape[1] - 1  # the last node of the plan
         self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
-        self.whole = whole  # M, time steps of a drift
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
         after = np.matvec(self.drift(self.last)[1:], states[:, -1:])
-        idle = np.zeros((len(states), whole + 1, 3))  # after the plan
-        held = swarms.held
+        idle, held = np.zeros((len(states), whole + 1, 3)), swarms.held  # after the plan
         after[held], idle[held] = states[held, -1:], controls[held, -1:]
         self.states = np.concatenate([states, after], axis=1)
         self.controls = np.concatenate([controls, idle], axis=1)
@@ -115,11 +97,10 @@ class _Paths:
     @property
     def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
         """Intervals of one length, s, and how many time steps after the loss they begin."""
-        whole = self.whole
-        if whole:
-            yield self.problem.time_step, np.arange(whole)
-        if self.rest > NO_LENGTH * self.problem.time_step or not whole:
-            yield self.rest, np.array([whole])
+        if self.whole:
+            yield self.problem.time_step, np.arange(self.whole)
+        if self.rest > NO_LENGTH * self.problem.time_step or not self.whole:
+            yield self.rest, np.array([self.whole])
 
 
 @lru_cache(maxsize=8)
@@ -139,12 +120,16 @@ def _candidates(
 ) -> Iterator[tuple[Array, ...]]:
     """Drifting craft, node, other craft and interval whose balls are within a distance."""
     dynamics = paths.problem.dynamics
-    each = np.arange(paths.states.shape[1])
-    middle, radius = _balls(paths.states, paths.controls, dynamics, length, each)
+
+    def around(start: States, controls: Controls, interval: Indices) -> tuple[Array, Array]:
+        A, B = (one[..., :3, :] for one in dynamics.step(length, interval))
+        end = mapped(A, start) + mapped(B, controls)
+        return balls(start, end, controls, dynamics, length, interval)
+
+    middle, radius = around(paths.states, paths.controls, np.arange(paths.states.shape[1]))
     for node in range(paths.last + 1):
         drifting = np.matvec(paths.drift(node)[since], paths.states[:, node, None])
-        idle = np.zeros((*drifting.shape[:2], 3))
-        centre, size = _balls(drifting, idle, dynamics, length, node + since)
+        centre, size = around(drifting, np.zeros((*drifting.shape[:2], 3)), node + since)
         for i, j, steps in _searched(node, paths.last, since, swarms, moved):
             at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
             apart = swarms.apart(centre[:, steps], middle[:, at], i, j)
@@ -152,22 +137,11 @@ def _candidates(
             yield i[pair], np.full(len(pair), node), j[pair], at.start + step
 
 
-def _balls(
-    start: AnyState, controls: Vector, dynamics: Dynamics, h: float, interval: Indices
-) -> tuple[Vector, Scalar]:
-    """As ``balls``, with the ends to which controls, m/s², lead."""
-    A, B = (one[..., :3, :] for one in dynamics.step(h, interval))
-    end = mapped(A, start) + mapped(B, controls)
-    return balls(start, end, controls, dynamics, h, interval)
-
-
 def _searched(
     node: int, last: int, since: Int[Array, "steps"], swarms: SwarmPartition, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
-    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions.
-
-    All of them, or those that depend on the controls of moved craft.
-    """
+    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions."""
+    # All of them, or those that depend on the controls of moved craft.
     one, other = swarms.pairs
     back = ~swarms.still(other)  # no obstacle loses its thrust
     lost, met = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
@@ -200,14 +174,8 @@ def _closest(
     flown = np.concatenate([end, start, -held], axis=1)
     motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
-    found = found.less(beyond, near)
-    return Approaches(
-        **vars(found),
-        first=lost[near],
-        second=other[near],
-        interval=interval[near],
-        node=node[near],
-    )
+    who = (one[near] for one in (lost, other, interval, node))
+    return Approaches(*vars(found.less(beyond, near)).values(), *who)
 
 
 def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]:

@@ -66,10 +66,8 @@ class Problem:
             )
         check_kind("thrust", self.thrust, Thrust)
         for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            if name == "max_acceleration" and value is None:
-                continue
-            check_range(name, value, least, most)
+            if name != "max_acceleration" or self.max_acceleration is not None:
+                check_range(name, getattr(self, name), least, most)
         if self.nodes > MOST_NODES:
             raise InputError(f"nodes is {self.nodes}; expected at most {MOST_NODES}.")
         if self.duration * self.mean_motion > 2 * np.pi * MOST_TURNS:
@@ -103,12 +101,9 @@ class Problem:
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> "Problem":
         """The problem of such fields, as ``document`` gives them."""
-        fields = dict(document)
-        if orbit := document.get("orbit"):
-            fields["orbit"] = ReferenceOrbit(**orbit)
-        if thrust := document.get("thrust"):
-            fields["thrust"] = Thrust(**thrust)
-        return cls(**fields)
+        kinds = {"orbit": ReferenceOrbit, "thrust": Thrust}
+        given = [(name, kind) for name, kind in kinds.items() if document.get(name)]
+        return cls(**{**document, **{name: kind(**document[name]) for name, kind in given}})
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without a reference orbit and thrust where they are the default."""

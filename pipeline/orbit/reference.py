@@ -29,7 +29,6 @@ class Reference:
     argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
 
     def __post_init__(self) -> None:
-        """Refuse an epoch without a time zone, and angles that are not finite numbers."""
         object.__setattr__(self, "epoch", utc_epoch(self.epoch))
         check_range("inclination_deg", self.inclination_deg, 0.0, 180.0)
         for name in ("inclination_deg", "raan_deg", "argument_of_latitude_deg"):
@@ -78,14 +77,12 @@ def check_mean_motion(mean_motion: float) -> None:
         raise InputError(f"mean_motion is {mean_motion!r}; expected a number, in rad/s.")
     if not mean_motion > most:
         return
-    units = {"deg/s": radians(mean_motion), "revolutions a day": 2 * pi * mean_motion / 86400}
-    slow = mean_motion_at(GEOSTATIONARY)
-    hints = (
-        f": if it is in {unit}, give {value:.9g}"
-        for unit, value in units.items()
-        if slow / 2 <= value <= most
-    )
+    hint, slow = "", mean_motion_at(GEOSTATIONARY)
+    units = {"revolutions a day": 2 * pi * mean_motion / 86400, "deg/s": radians(mean_motion)}
+    for unit, value in units.items():
+        if slow / 2 <= value <= most:
+            hint = f": if it is in {unit}, give {value:.9g}"
     raise InputError(
         f"mean_motion is {mean_motion:g} rad/s, that of an orbit inside the Earth or its air; "
-        f"expected at most {most:.5g} rad/s{next(hints, '')}."
+        f"expected at most {most:.5g} rad/s{hint}."
     )

@@ -67,7 +67,6 @@ class ReferenceOrbit:
     start: float = 0.0  # of the first node, s since the epoch
 
     def __post_init__(self) -> None:
-        """Refuse orbits that are none, or hit the Earth."""
         fields_as_python(self)
         check_elements(self)
         perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
@@ -96,20 +95,17 @@ class ReferenceOrbit:
         spread: float = 0.0,
     ) -> "ReferenceOrbit":
         """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
-        found, latitude = Elements.of(state)
-        i, raan, perigee, u = (
-            degrees(angle)
-            for angle in (found.inclination, found.raan, found.argument_of_perigee, latitude)
-        )
+        found, u = Elements.of(state)
+        i, raan = degrees(found.inclination), degrees(found.raan)
+        angles = i, raan, degrees(found.argument_of_perigee), degrees(u)
         shape = found.semi_major_axis, found.eccentricity
-        return cls(*shape, i, raan, perigee, u, j2=j2, ballistic=ballistic, spread=spread)
+        return cls(*shape, *angles, j2=j2, ballistic=ballistic, spread=spread)
 
     @classmethod
     def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
         """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
 
-        Mean elements are osculating ones without their short-period variations by J2
-        (``pipeline.orbit.mean_elements``); without J2 they are the same.
+        Mean elements are osculating ones without their short-period variations by J2, if any.
         """
         mean = cls(**fields)
         if not mean.j2:
@@ -121,7 +117,7 @@ class ReferenceOrbit:
     @property
     def mean_elements(self) -> Elements:
         """Mean elements at the epoch; angles in rad."""
-        return Elements.of(mean_states(self.begin[None])[0] if self.j2 else self.begin)[0]
+        return Elements.of(mean_states(self.begin[None], j2=self.j2)[0])[0]
 
     @property
     def begin(self) -> Float[Array, "6"]:
@@ -165,8 +161,7 @@ class ReferenceOrbit:
         if self.j2:
             total += forces.oblateness(position)
         if self.ballistic is not None:
-            held = np.broadcast_to(ballistic, position.shape[:-1])
-            total += forces.drag(states, held, self.air)
+            total += forces.drag(states, ballistic, self.air)
         return total
 
     def gradient(self, states: AnyState) -> Float[Array, "*batch 3 6"]:
@@ -208,11 +203,7 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
 
 
 def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Float[Array, "q 6"]:
-    """Change of the inertial state since the start of one piece of the orbit, at Chebyshev nodes.
-
-    The piece takes 2 ``half`` s. By modified Chebyshev-Picard iteration, as
-    ``pipeline.orbit.nonlinear``.
-    """
+    """Change of the inertial state in a piece of 2 ``half`` s, by Chebyshev-Picard iteration."""
     moved, held = np.zeros((POINTS, 6)), orbit.ballistic or 0.0
     for _ in range(ITERATIONS):
         before = moved[:, :3]

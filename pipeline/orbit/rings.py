@@ -1,21 +1,43 @@
-"""Passive relative orbits (PROs): bounded motions about the reference orbit without thrust."""
+"""Rings: bounded relative orbits without thrust, about a circle and about any reference orbit.
+
+About a circle they are passive relative orbits (PROs). About others they have the same quasi-
+nonsingular relative orbital elements, differences of mean elements: in semi-major axis δa, mean
+longitude δλ, the vector of eccentricity (δex, δey) and the direction of the orbital plane (δix,
+δiy), all as shares of the semi-major axis (D'Amico 2010, "Autonomous formation flying in low Earth
+orbit"; Koenig, Guffanti and D'Amico 2017, "New state transition matrices for spacecraft relative
+motion in perturbed orbits"). Here their axes are the LVLH axes of the mean reference.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
+from pipeline.orbit import mean_elements
 from pipeline.orbit.arrays import AnyState, Formation, OfCraft, Scalar
+from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import cw_matrices
+from pipeline.orbit.inertial import Frame
+from pipeline.orbit.mean_elements import PlanarElements
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import MU_EARTH
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 
 DRIFT_FREE = 1e-6  # relative misfit of Eq. 3 up to which states lie on passive relative orbits
+LIKE = 0.1  # share by which semi-major axes may differ, and eccentricities are below 1
+NEWTON = 4  # steps for δa; each leaves about the square of what it misses
+
+Each = float | Float[Array, "#n"]  # of all craft, or of each
 
 
 def pro_states(
-    semi_major_axis: float | Float[Array, "#n"],
-    tilt: float | Float[Array, "#n"],
+    semi_major_axis: Each,
+    tilt: Each,
     phase: OfCraft,
-    cross_phase: float | Float[Array, "#n"],
+    cross_phase: Each,
     mean_motion: float,
-    offset: float | Float[Array, "#n"] = 0.0,
+    offset: Each = 0.0,
 ) -> Formation:
     """LVLH states (m, m/s) of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
 
@@ -44,10 +66,8 @@ def energy_mismatch(states: AnyState, mean_motion: float) -> Scalar:
 
 
 def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
-    """Positions in m over one revolution of free drift through states on PROs.
-
-    None where they lie on none. The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
-    """
+    """Positions in m over one revolution of free drift through states on PROs; None if on none."""
+    # The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
     x, vy = states[:, 0], states[:, 4]
     mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0
     misfit = np.abs(energy_mismatch(states, mean_motion)).max()
@@ -55,3 +75,85 @@ def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
         return None
     A, _ = cw_matrices(mean_motion, np.linspace(0, 2 * np.pi / mean_motion, points))
     return np.einsum("kij,nj->nki", A[:, :3], states)
+
+
+def ring_states(
+    problem: Problem,
+    semi_major_axis: Each,
+    tilt: Each,
+    phase: OfCraft,
+    cross_phase: Each = 0.0,
+    offset: Each = 0.0,
+) -> Formation:
+    """LVLH states (m, m/s) at the first node of craft on a ring, as ``pro_states`` has it.
+
+    About another orbit than a circle without perturbations they have the same relative elements:
+    δe = a/2 at θ behind the mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that
+    along-track positions do not drift on average over revolutions. So the ring is bounded, and the
+    motion the ring's only as far as the orbit is near to a circle.
+    """
+    orbit = problem.orbit
+    ring = semi_major_axis, tilt, phase, cross_phase
+    if orbit is None or (orbit.eccentricity == 0 and not orbit.j2):
+        return pro_states(*ring, problem.mean_motion, offset)
+    origin, mean, frame = _reference(orbit)
+    chief = PlanarElements.of(mean)
+    size = chief.semi_major_axis
+    behind = chief.longitude - phase
+    e, i = semi_major_axis / 2 / size, semi_major_axis / 2 / size * np.tan(tilt)
+    across = behind - cross_phase - np.pi / 2
+    shape = 0.0, -e * np.cos(behind), -e * np.sin(behind), offset / size
+    columns = np.broadcast_arrays(*shape, i * np.cos(across), i * np.sin(across))
+    by = np.stack(columns, axis=-1)
+    craft = chief[np.zeros(len(by), dtype=int)].changed(by)  # the reference, once for every craft
+    for _ in range(NEWTON):
+        ahead = _relative_rate(orbit, craft.states(), mean)
+        longer = ahead / (1.5 * craft.mean_motion * np.sqrt(1 - chief.eccentricity_squared))
+        craft = replace(craft, semi_major_axis=craft.semi_major_axis + longer)
+    states = mean_elements.osculating_states(craft.states(), j2=orbit.j2)
+    return frame.from_inertial(states - origin)
+
+
+def secular_drift(states: Formation, problem: Problem) -> OfCraft:
+    """Along-track drift of LVLH states at the first node, m a revolution of a reference orbit.
+
+    By Kepler and to first order in J2, of positions averaged over revolutions; by the energy alone
+    of craft on quite another orbit than the reference's.
+    """
+    orbit = problem.orbit
+    assert orbit is not None
+    origin, chief, frame = _reference(orbit)
+    craft = origin + frame.to_inertial(states)
+    reference = PlanarElements.of(chief)
+    size, n = reference.semi_major_axis, reference.mean_motion
+    r, v, h = norm(craft[:, :3]), norm(craft[:, 3:]), norm(np.cross(craft[:, :3], craft[:, 3:]))
+    share = size * (2 / r - v**2 / MU_EARTH)  # of the reference's semi-major axis in the craft's
+    square = 1 - h**2 * share / (MU_EARTH * size)  # of the eccentricity
+    like = (np.abs(share - 1) < LIKE) & (square < (1 - LIKE) ** 2)
+    drift = 3 * np.pi * size * (share - 1) * np.sqrt(1 - reference.eccentricity_squared)
+    mean = mean_elements.mean_states(craft[like], j2=orbit.j2)
+    drift[like] = 2 * np.pi / n * _relative_rate(orbit, mean, chief)
+    return drift
+
+
+@lru_cache(maxsize=32)
+def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Float[Array, "1 6"], Frame]:
+    """Inertial state of the reference at the first node, its mean state, and the LVLH frame."""
+    origin, frame = orbit.frames(np.zeros(1))
+    return origin, mean_elements.mean_states(origin, j2=orbit.j2), frame
+
+
+def _relative_rate(
+    orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]
+) -> OfCraft:
+    """Secular along-track rate of mean states about a mean reference, averaged, m/s.
+
+    A turn of the orbit in its plane, Δω + ΔΩ cos i, moves a craft by that times r, of which the
+    average is a (1 + e²/2); ΔM by a²√(1-e²)/r, on average a √(1-e²).
+    """
+    rates = (mean_elements.secular_rates(states, j2=orbit.j2) for states in (mean, reference))
+    perigee, anomaly, node = (craft - its for craft, its in zip(*rates, strict=True))
+    chief = PlanarElements.of(reference)
+    square, cos = chief.eccentricity_squared, chief.axes[:, 2, 2]
+    turned = (1 + square / 2) * (perigee + cos * node)
+    return chief.semi_major_axis * (turned + np.sqrt(1 - square) * anomaly)

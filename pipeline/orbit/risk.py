@@ -1,35 +1,15 @@
-"""A bound on the probability that any pair of a swarm ever comes within the collision radius.
+"""A bound on the probability that any pair of a swarm ever comes within the collision radius r.
 
-A pair whose relative position is Δp is further apart than r where n·Δp > r, for any unit vector n.
-Let there be such a check X = n·Δp - r - η at each of some times, with the direction n in which the
-pair is likeliest to meet. Between two checks that hold it is further apart than r as well: with
-s from 0 to 1, on the straight line from one position to the next,
-
-    n(s)·Δp(s) = (1 - s) n₀·Δp₀ + s n₁·Δp₁ - s (1 - s) (n₁ - n₀)·(Δp₁ - Δp₀),
-
-where n(s), the mean of both directions, is no longer than 1; and motion strays from that line by
-h²/8 max‖Δp̈‖ at most. The margin η is what both may take. So a pair that meets fails a check: the
-first already, or one after another that holds,
+Derived in ``docs/risk.md``: at some times a pair has a check X = n·Δp - r - η along the direction n
+in which it is likeliest to meet, with a margin η for the turn of n and the bend of the motion until
+the next. A pair that meets fails the first check or one after another that holds,
 
     P(some ‖Δp‖ < r) ≤ P(X₀ < 0) + Σ P(Xₖ ≥ 0 > Xₖ₊₁),
 
-and pairs are summed (Boole's inequality). Checks are linear in Gaussian errors, so that each term
-is a probability of two Gaussian variables. Whatever the times are, it is a bound; where terms
-count, times are added until margins hardly do. In the limit the sum is the expected number of
-down-crossings (Rice's formula).
-
-Where errors are larger than r in one direction, most of the half-space n·Δp < r is far from the
-sphere. There the same is done with n along the largest error and checks on both sides, X and
-Y = -n·Δp - r - η: a pair that meets is between both at first, or comes from one side, so that
-
-    P(some ‖Δp‖ < r) ≤ P(X₀ < 0, Y₀ < 0) + Σ P(Xₖ ≥ 0 > Xₖ₊₁) + Σ P(Yₖ ≥ 0 > Yₖ₊₁),
-
-over the times at which no other direction keeps the pair apart. The less of both bounds counts.
-
-How far errors may take η, and which times need no check since the pair is far apart, holds with a
-probability that is taken off at once for all times: by Cauchy-Schwarz a linear functional of the
-errors with the deviation σ is at most σ‖ξ‖, with ξ the pair's J independent standard normals, and
-‖ξ‖ < K but with the probability P(χ²_J ≥ K²).
+and pairs are summed (Boole's inequality). Where errors are larger than r in one direction there are
+checks on both sides along it, X and Y = -n·Δp - r - η, and the less of both bounds counts. How far
+errors may take η, and which times need no check, holds for all times at once but with the
+probability P(χ²_J ≥ K²), of J standard normals, which is added.
 """
 
 from dataclasses import dataclass, replace
@@ -61,11 +41,8 @@ class CollisionRisk:
     first: Int[Array, "p"]  # first craft of each pair that is ever near, of lower index
     second: Int[Array, "p"]  # second craft
     of_pair: Float[Array, "p"]  # bound of each
-    # of each the larger part of its first and last node, which no other plan changes but by other
-    # errors
-    at_ends: Float[Array, "p"]
-    # bound on the probability that any pair of the swarm does, at any time, with that of saturation
-    total: float
+    at_ends: Float[Array, "p"]  # the larger part of its first and last node, which plans share
+    total: float  # of any pair of the swarm at any time, with that of saturation
     saturation: float = 0.0  # that feedback asks for more than the thrust limit, of any craft
     corrections: float = 0.0  # mean fuel that feedback adds to the plan's, of all craft, m/s²
 
@@ -88,11 +65,6 @@ class _Stretches:
     stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
     normals: float  # K
     two_sided: bool = False  # whether checks are along the largest error, and on both sides
-
-    @property
-    def size(self) -> Float[Array, "s"]:
-        """Root mean square error of relative positions at the interval's start, m."""
-        return np.sqrt(np.trace(self.errors[:, :3, :3], axis1=1, axis2=2))
 
     def maps(self, which: Indices, share: Values) -> Maps:
         """Maps to relative positions at shares of the interval."""
@@ -131,13 +103,11 @@ class _Stretches:
         if not self.two_sided:
             return near
         # Where errors are large in one direction, others may keep the pair apart all the same.
-        both = np.concatenate([A, B], axis=-1)
+        both, radius = np.concatenate([A, B], axis=-1), self.problem.collision_radius
         spread = both @ self.errors[at] @ both.mT
-        radius = self.problem.collision_radius
         normal = likeliest_direction(mean[:, :3], spread[:, :3, :3], radius)
-        place = np.vecdot(normal, mean[:, :3]) - self.normals * standard_deviation(
-            normal, spread[:, :3, :3]
-        )
+        place = np.vecdot(normal, mean[:, :3])
+        place -= self.normals * standard_deviation(normal, spread[:, :3, :3])
         speed = np.abs(np.vecdot(normal, mean[:, 3:]))
         speed += self.normals * standard_deviation(normal, spread[:, 3:, 3:])
         least = place - (speed + self.stray[at] * half / 2) * half
@@ -156,12 +126,12 @@ class _Panels(Rows):
 
     def joined(self, stretches: _Stretches) -> Bool[Array, "q"]:
         """Whether each begins with the check that the one before ends with."""
-        at, before = self.stretch[1:], self.stretch[:-1]
+        at, before, begin = self.stretch[1:], self.stretch[:-1], self.begin[1:]
         end = self.begin[:-1] + self.width[:-1]
-        inside = (at == before) & (self.begin[1:] == end)
         across = stretches.pair[at] == stretches.pair[before]
         across &= stretches.interval[at] == stretches.interval[before] + 1
-        return np.append(False, inside | (across & (self.begin[1:] == 0) & (end == 1)))[: len(self)]
+        across &= (begin == 0) & (end == 1)
+        return np.append(False, (at == before) & (begin == end) | across)[: len(self)]
 
     def halved(self, split: Bool[Array, "q"], stretches: _Stretches) -> "_Panels":
         """Some of them in two halves, with a check between."""
@@ -183,10 +153,7 @@ def collision_risk(
     uncertainty: Uncertainty,
     closed_loop: bool = False,
 ) -> CollisionRisk:
-    """The risk of flying planned states (m, m/s) and controls (m/s²), at any time.
-
-    In open loop, or with feedback; then also the risk that it asks for more than the thrust limit.
-    """
+    """The risk of flying planned states (m, m/s) and controls (m/s²), in open or closed loop."""
     spread = dispersion(controls, problem, uncertainty, closed_loop)
     return dispersed_risk(states, controls, problem, spread)
 
@@ -202,26 +169,22 @@ def dispersed_risk(
     stretches, broken = _stretches(states, controls, problem, spread)
     total, terms = _sums(stretches, np.isin(stretches.pair, broken, invert=True), len(i))
     total[broken] = 1.0
-    wide = np.isin(stretches.pair, stretches.pair[stretches.size > problem.collision_radius])
+    error = np.sqrt(np.trace(stretches.errors[:, :3, :3], axis1=1, axis2=2))  # of positions, m
+    wide = np.isin(stretches.pair, stretches.pair[error > problem.collision_radius])
     if wide.any():
         both, more = _sums(replace(stretches, two_sided=True), wide, len(i))
         within = np.isin(np.arange(len(i)), stretches.pair[wide])
         total, terms = np.where(within, np.minimum(total, both), total), terms + more
-    shown = np.flatnonzero(total > FAR / len(total))
+    shown, radius = np.flatnonzero(total > FAR / len(total)), problem.collision_radius
     i, j, each = i[shown], j[shown], np.minimum(total[shown], 1.0)
-    ends = [
-        _within(*_at_node(node, i, j, states, spread), problem.collision_radius) for node in (0, -1)
-    ]
-    rounding = FAR + ROUNDING * terms
-    most = min(1.0, float(total.sum()) + beyond + rounding)
+    ends = [_within(*_at_node(node, i, j, states, spread), radius) for node in (0, -1)]
+    most = min(1.0, float(total.sum()) + beyond + (FAR + ROUNDING * terms))
     return CollisionRisk(i, j, each, np.minimum(np.maximum(*ends), each), most, beyond, added)
 
 
 def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[float, float]:
-    """Bound on the probability that feedback ever asks for a component beyond ``most``, m/s².
-
-    And the mean fuel, m/s², that it adds to that of the controls: E|u + σξ| - |u|.
-    """
+    """Probability, at most, that feedback asks for more than ``most``, and its mean fuel, m/s²."""
+    # The fuel that it adds is E|u + σξ| - |u|.
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
     sigma = np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
@@ -259,18 +222,15 @@ def levels_at(
     """How many standard deviations pairs are further apart than a distance, m, at a node."""
     gap, covariance = _at_node(node, first, second, states, spread)
     apart = norm(gap)
-    normal = gap / np.maximum(apart, TINY)[:, None]
-    sigma = standard_deviation(normal, covariance)
+    sigma = standard_deviation(gap / np.maximum(apart, TINY)[:, None], covariance)
     return (apart - distance) / np.maximum(sigma, TINY)
 
 
 def _stretches(
     states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> tuple[_Stretches, Int[Array, "b"]]:
-    """Where pairs may be near, and the pairs whose planned motion itself comes too close.
-
-    Checks on one side say nothing about a broken pair: it counts as one, unless errors are large.
-    """
+    """Where pairs may be near, and the pairs whose planned motion itself comes too close."""
+    # Checks on one side say nothing about a broken pair: it counts as one, unless errors are large.
     from scipy.special import gammainccinv  # slow to import, and only a risk needs it
 
     n, normals = len(spread.state), spread.state.shape[3] + spread.own
@@ -287,18 +247,9 @@ def _stretches(
     state, push = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
     bend = problem.dynamics.most_acceleration(state, push, problem.time_step, k)
     erring = spread.most_acceleration(problem)
-    return _Stretches(
-        problem=problem,
-        pair=number,
-        interval=k,
-        state=state,
-        push=push,
-        errors=spread.of_pairs(i, j, k),
-        near=near,
-        bend=bend,
-        stray=bend + most * np.hypot(erring[i, k], erring[j, k]),
-        normals=most,
-    ), broken
+    stray, errors = bend + most * np.hypot(erring[i, k], erring[j, k]), spread.of_pairs(i, j, k)
+    moved = number, k, state, push, errors
+    return _Stretches(problem, *moved, near, bend, stray, normals=most), broken
 
 
 def _numbers(found: Approaches, n: int) -> Indices:
@@ -309,15 +260,8 @@ def _numbers(found: Approaches, n: int) -> Indices:
 
 def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Values, int]:
     """Bound of each of so many pairs by some stretches, and the number of terms."""
-    pair, chance = _chances(stretches, np.flatnonzero(some))
-    return np.bincount(pair, chance, count).astype(float), len(chance)
-
-
-def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Float[Array, "q"]]:
-    """Pairs, and the probabilities that they fail a check after one that holds, or the first.
-
-    Panels are halved where their margins may add to the sum more than their share of ACCURACY.
-    """
+    # Panels are halved where their margins may add to the sum more than their share of ACCURACY.
+    which = np.flatnonzero(some)
     begin, width = np.zeros(len(which)), np.ones(len(which))
     ends = stretches.directions(which, begin), stretches.directions(which, width)
     panels = _Panels(which, begin, width, *ends)
@@ -329,12 +273,13 @@ def _chances(stretches: _Stretches, which: Indices) -> tuple[Int[Array, "q"], Fl
         split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
         split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)
         if not split.any():
-            return stretches.pair[panels.stretch], chance
+            pair = stretches.pair[panels.stretch]
+            return np.bincount(pair, chance, count).astype(float), len(chance)
         panels = panels.halved(split, stretches)
 
 
 def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
-    """Each panel's probability, as in ``_chances``, and an estimate of its margin's part in it."""
+    """Probability of failing a check after one that holds, or the first, and its margins' part."""
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
     at, radius = panels.stretch, stretches.problem.collision_radius

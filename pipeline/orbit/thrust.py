@@ -1,5 +1,6 @@
 """Thrust: what a control costs, how large it may be, and when it may be."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -99,11 +100,9 @@ def check_directions(directions: tuple[Direction, ...]) -> None:
         raise InputError(
             f"thrust[{k}] has length {length[k]:.9g}; expected a direction of length 1."
         )
-    try:
-        # Distances of the facets from the origin; all positive where it is inside.
+    least = 0.0
+    with suppress(QhullError):  # distances of facets from the origin, positive where it is inside
         least = -float(ConvexHull(given).equations[:, 3].max())
-    except QhullError:
-        least = 0.0
     if least < ALL_WAYS:
         raise InputError(
             "thrust has directions that do not push all ways; expected thrusters whose hull has "

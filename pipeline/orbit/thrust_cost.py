@@ -52,9 +52,9 @@ def polar(along: Vector, thrust: Thrust) -> Scalar:
 def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
     """At least the most that the controls of each craft do along vectors, less what they cost.
 
-    The largest v · u - cost(u) of each interval in which a craft may burn, within its limits,
-    summed; infinite where that has no limit. Whatever the split w, v - w counts against the limit
-    on components or thrusters and w against that on the norm; the best of some splits is taken.
+    The largest v · u - cost(u) of each interval, within limits, summed; infinite where none holds.
+    Whatever the split w, v - w counts against the limit on components or thrusters and w against
+    that on the norm; the best of some splits is taken.
     """
     rest = along - split
     if thrust.directions is None:
@@ -66,20 +66,14 @@ def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> O
 
 
 def support(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
-    """At least the most that the controls of each craft do along vectors, within its limits.
-
-    Whatever the split, which is as in ``worth``.
-    """
+    """The same within its limits, whatever it costs."""
     return _most(along, [split, along, 0 * along], limits, thrust, 0.0)
 
 
 def _most(
     along: Controls, splits: list[Controls], limits: Limits, thrust: Thrust, price: float
 ) -> OfCraft:
-    """Upper bounds on the most of v · u - price · cost(u) over the controls of each craft.
-
-    The least by some splits, for each interval in which it may burn, summed.
-    """
+    """Least upper bounds by some splits on each craft's most of v · u - price · cost(u)."""
     component, norm = limits.component[:, None], limits.norm[:, None]
     least = np.full(along.shape[:2], np.inf)
     for split in splits:
@@ -102,10 +96,8 @@ def _times(limit: Array, amount: Array) -> Array:
 
 
 def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, "n intervals K"]:
-    """Thrust of each thruster, m/s²: of those that give a control within their limits, the least.
-
-    One linear program for all burns. Where a control is out of their reach, some exceed limits.
-    """
+    """Thrust of each thruster, m/s²: the least that gives a control within their limits."""
+    # One linear program for all burns. Where a control is out of their reach, some exceed limits.
     # Slow to import, and only some thrusters need them.
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, eye_array, hstack, kron
@@ -124,7 +116,7 @@ def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, 
     each = kron(eye_array(m), csr_array(np.ones((K, 1))))
     within: Any = hstack([eye_array(m * K), -each], format="csr")[np.isfinite(most).repeat(K)]
     solved = linprog(
-        np.concatenate([np.ones(m * K), np.full(m, EXCESS)]),
+        np.repeat([1.0, EXCESS], [m * K, m]),
         A_eq=balance,
         b_eq=burns.ravel() / scale,
         A_ub=within,
@@ -171,11 +163,8 @@ def exceeds(controls: Controls, limits: Limits, problem: Problem) -> dict[str, M
 
 
 def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
-    """Size of the burn that each component of a control is part of, m/s²; of several the least.
-
-    Of thrusters along the axes each component is a burn; of one that is pointed the whole control;
-    of thrusters of given directions the thrust of each that fires.
-    """
+    """Size of the burn that each component of a control is part of, m/s²; of several the least."""
+    # A burn is a component, the whole control where a thruster is pointed, or a thruster's thrust.
     if thrust.model == COMPONENTS:
         return np.abs(controls)
     if thrust.model == NORM:

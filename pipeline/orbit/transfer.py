@@ -38,16 +38,13 @@ class TransferMaps:
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
     """The maps of a problem, computed once."""
-    A, B = step_maps(problem)
-    T, m = problem.nodes, 3 * problem.intervals
-    drift = _powers(problem)
-    reach = np.zeros((T, 6, m))
+    (A, B), T, weight = step_maps(problem), problem.nodes, state_weight(problem)
+    reach = np.zeros((T, 6, 3 * (T - 1)))
     for t in range(1, T):
         reach[t] = A[t - 1] @ reach[t - 1]
         reach[t, :, 3 * (t - 1) : 3 * t] = B[t - 1]
-    weight = state_weight(problem)
     to_goal = np.linalg.pinv(weight[:, None] * reach[-1]) * weight
-    return TransferMaps(drift, reach, to_goal)
+    return TransferMaps(_powers(problem), reach, to_goal)
 
 
 @lru_cache(maxsize=32)
@@ -82,10 +79,8 @@ def _step(problem: Problem) -> tuple[Float[Array, "*K 6 6"], Float[Array, "*K 6 
 
 
 def has_one_plan(problem: Problem) -> bool:
-    """Whether any two states are joined by exactly one sequence of controls.
-
-    Two intervals have six components, as many as a state; singular at special steps only.
-    """
+    """Whether any two states are joined by exactly one sequence of controls."""
+    # Two intervals have six components, as many as a state; singular at special steps only.
     reach = transfer_maps(problem).reach[-1] * state_weight(problem)[:, None]
     return reach.shape == (6, 6) and float(np.linalg.cond(reach)) < REGULAR
 
@@ -107,9 +102,8 @@ def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates
 def free_drift(
     states: Formation, problem: Problem, orbits: float = 1.0, start: float = 0.0
 ) -> tuple[States, Controls, Problem]:
-    """Free drift over so many orbits: node states, zero controls and the problem they belong to.
+    """Free drift for some orbits from some s on: states, zero controls and their problem.
 
-    It starts some s after the first node, which counts where the reference orbit is not a circle.
     InputError where it takes longer than any transfer may.
     """
     time, longest = orbits * 2 * np.pi / problem.mean_motion, RANGES["time_step"][1]
@@ -144,11 +138,8 @@ def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
 
 
 def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
-    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
-
-    Exact where the states obey Eq. 2. Others, such as a network's raw output, can look cheaper
-    than any transfer that can be flown.
-    """
+    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s²."""
+    # States that break Eq. 2, as a network's, can look cheaper than any transfer that can be flown.
     A, B = _step(problem)
     return mapped(np.linalg.pinv(B), states[..., 1:, :] - mapped(A, states[..., :-1, :]))
 
@@ -172,11 +163,8 @@ def minimum_energy(initial: AnyState, goal: AnyState, problem: Problem) -> AnyCo
 def project_to_flyable(
     states: AnyStates, initial: AnyState, goal: AnyState, problem: Problem
 ) -> AnyControls:
-    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly.
-
-    Nearest in the sum of squares over all nodes, with velocities weighted by 1/e. The set of
-    such trajectories is affine, with 3(T-1)-6 dimensions a craft, so this is one product.
-    """
+    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly."""
+    # In the sum of squares over nodes, velocities over e: an affine set, so this is one product.
     controls = minimum_energy(initial, goal, problem)
     rest = states - fly(initial, controls, problem)
     flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ _projection(problem).T
@@ -190,14 +178,11 @@ def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
 
 
 def with_coasts(controls: Controls, problem: Problem) -> Controls:
-    """The controls with exact zeros where only rounding is left; final states stay as they are.
-
-    Where what is dropped moves a craft's final state, its other controls make up for it; a craft
-    whose other controls cannot keeps what it has.
-    """
-    largest = np.abs(controls).max(axis=(1, 2), keepdims=True)
-    largest = np.maximum(largest, problem.evasive_control)
-    burns = np.abs(controls) > COAST * largest
+    """The controls with exact zeros where only rounding is left; final states stay as they are."""
+    # A craft's other controls make up for what is dropped; where they cannot, nothing is.
+    size = np.abs(controls)
+    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
+    burns = size > COAST * largest
     kept = np.where(burns, controls, 0.0)
     reach, weight = transfer_maps(problem).reach[-1], state_weight(problem)
     dropped = (controls - kept).reshape(len(controls), -1)
@@ -217,8 +202,6 @@ def track(
 ) -> Float[Array, "n _ 3"]:
     """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
     times, intervals = problem.time_step / steps * np.arange(steps), np.arange(problem.intervals)
-    A, B = problem.dynamics.step(times, intervals[:, None])
-    between = np.matvec(A[..., :3, :], states[:, :-1, None])
-    between += np.matvec(B[..., :3, :], controls[:, :, None])
-    n = len(states)
-    return np.concatenate([between.reshape(n, -1, 3), states[:, -1:, :3]], axis=1)
+    A, B = (maps[..., :3, :] for maps in problem.dynamics.step(times, intervals[:, None]))
+    between = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
+    return np.concatenate([between.reshape(len(states), -1, 3), states[:, -1:, :3]], axis=1)

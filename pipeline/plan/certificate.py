@@ -1,6 +1,6 @@
 """The certificate of a plan: its cost, how far from optimal it can be, and how safe it is."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,19 +13,19 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.nearest import Nearest
-from pipeline.orbit.nonlinear import margin_in_world, most_deviation
-from pipeline.orbit.participants import Participants
+from pipeline.orbit.nonlinear import NonlinearFlight, least_adrift_in_world
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import CollisionRisk, collision_risk
 from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
 from pipeline.orbit.thrust import ALONG_AXES
-from pipeline.orbit.thrust_cost import burn_sizes
-from pipeline.orbit.thrust_cost import spent as fuel_of
+from pipeline.orbit.thrust_cost import burn_sizes, spent
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, refuse_risk
 from pipeline.scenario import Scenario, participants, shared_problem
 from pipeline.scenario.waypoint import missed
+
+Columns = dict[str, Sequence[Any]]  # fields of certificates, one value for each scenario
 
 FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
 SUM_ROUNDING = 1e-13  # share of a fuel by which sums of it in another order may be off
@@ -79,20 +79,16 @@ class Risk:
         return replace(self, bound=risk.total, feedback=self.feedback and feedback)
 
     def judge(self, states: States, controls: Controls, problem: Problem) -> "Risk":
-        """The same claim about other states, m and m/s, and controls, m/s².
-
-        Between nodes motion is linear; craft count as larger by what states as flown, which are
-        not, are off that at any time until their next nodes.
-        """
+        """The same claim about other states, m and m/s, and controls, m/s²."""
+        # Craft count as larger by what their motion is off linear motion from node to node.
         closed_loop = self.feedback is not None
         off = 2 * float(norm(dynamics_defect(states, controls, problem)[..., :3]).max())
         if off > FINE and problem.orbit is not None:
-            off = 2 * most_deviation(states, controls, problem)
+            off = 2 * NonlinearFlight(states[:, 0], controls, problem).deviation(states)
         if off > FINE:
             problem = replace(problem, collision_radius=problem.collision_radius + off)
-        return self.of(
-            collision_risk(states, controls, problem, self.uncertainty, closed_loop), problem
-        )
+        risk = collision_risk(states, controls, problem, self.uncertainty, closed_loop)
+        return self.of(risk, problem)
 
     @classmethod
     def asked_for(cls, limit: RiskLimit, problem: Problem) -> "Risk":
@@ -161,14 +157,18 @@ class CorridorMargin:
 
     @classmethod
     def of(
-        cls, states: States, controls: Controls, scenario: Scenario, *, as_flown: bool = False
+        cls,
+        scenario: Scenario,
+        states: States,
+        controls: Controls,
+        flight: NonlinearFlight | None = None,
     ) -> "CorridorMargin | None":
         """Of linear motion or a flight; None where there are no corridors."""
         if not scenario.corridors:
             return None
         problem, faces = scenario.problem, Faces.of(scenario.corridors, scenario.n)
-        if as_flown:
-            return cls.in_flight(margin_in_world(states[:, 0], controls, problem, faces))
+        if flight is not None:
+            return cls.in_flight(flight.margin(faces))
         found = margins(states, controls, problem, faces)
         k = int(found.margin.argmin())
         craft, corridor = int(faces.craft[found.face[k]]), int(faces.corridor[found.face[k]])
@@ -216,11 +216,14 @@ class PassiveSafety:
         return fields
 
     @classmethod
-    def of(cls, orbits: float, least: Separation) -> "PassiveSafety":
+    def of(
+        cls, orbits: float, least: Separation, clearance: Clearance | None = None
+    ) -> "PassiveSafety":
         """The passive safety of a swarm whose least separation after a loss is known."""
         if least.pair is None:
-            return cls(orbits)
-        return cls(orbits, least.distance, least.bound, least.pair, least.node, least.time)
+            return cls(orbits, clearance=clearance)
+        apart = least.distance, least.bound, least.pair, least.node, least.time
+        return cls(orbits, *apart, clearance)
 
 
 @dataclass(frozen=True)
@@ -315,24 +318,13 @@ class Certificate:
     waypoint_velocity_error: float | None = None
 
 
-@dataclass(frozen=True)
-class Flights:
-    """Least separations of scenarios in flights about their orbit."""
-
-    closest: Sequence[Separation]  # of craft
-    adrift: Sequence[Separation] | None = None  # of craft after a loss of thrust
-    clear: Sequence[Separation] | None = None  # of participants, where sizes differ
-    clear_adrift: Sequence[Separation] | None = None  # of these after a loss of thrust
-    as_flown: bool = True  # whether motion is not linear
-
-
 def certify(
     scenarios: Sequence[Scenario],
     states: States,
     controls: Controls,
     bounds: Sequence[tuple[float, str]],
     requirements: Requirements = AT_ALL_TIMES,
-    flights: Flights | None = None,
+    flights: Sequence[NonlinearFlight] = (),
     least_shares: Sequence[float] = (),
 ) -> list[Certificate]:
     """The certificates of scenarios of one problem, from states and controls of all their craft.
@@ -342,68 +334,23 @@ def certify(
     looked at only where they are required. Motion is linear, unless flights are given whose nodes
     the states are.
     """
-    problem, swarms = shared_problem(scenarios), side_by_side(tuple(s.n for s in scenarios))
-    starts, step, all_of = swarms.starts, problem.time_step, participants(scenarios)
+    problem, starts = shared_problem(scenarios), _side_by_side(scenarios).starts
     flown, pushed = np.split(states, starts[1:]), np.split(controls, starts[1:])
-
-    def of_craft(values: OfCraft) -> list[tuple[float, ...]]:
-        return [tuple(one.tolist()) for one in np.split(values, starts[1:])]
-
-    spent, turned = np.abs(controls).sum(axis=(1, 2)), norm(controls).sum(axis=1)
-    burned = spent
-    if problem.thrust != ALONG_AXES:
-        of_each = zip(pushed, scenarios, strict=True)
-        burned = np.concatenate([fuel_of(one, problem.thrust, s.limits) for one, s in of_each])
-    used = np.add.reduceat(burned, starts).tolist()
-    bounds = [(_rounded_down(b, u), proof) for u, (b, proof) in zip(used, bounds, strict=True)]
+    columns = _spending(scenarios, controls, bounds, least_shares)
+    columns |= _separations(scenarios, states, controls, flights)
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
     misses = np.maximum.reduceat(miss, starts)
+    columns["goal_error"] = misses[:, :3].max(axis=1).tolist()
+    columns["goal_velocity_error"] = misses[:, 3:].max(axis=1).tolist()
     defect = np.zeros(len(states))
-    if flights is None:
+    if not flights:
         defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
-        flights = Flights(_least_separations(states, controls, problem, swarms), as_flown=False)
-    closest = flights.closest
-    columns: dict[str, Sequence[Any]] = {
-        "fuel": used,
-        "delta_v": [fuel * step for fuel in used],
-        "fuel_lower_bound": [bound for bound, _ in bounds],
-        "optimality_gap": [
-            gap_of(fuel, b, problem) for fuel, (b, _) in zip(used, bounds, strict=True)
-        ],
-        "node_collisions": swarm_node_collisions(states, problem.collision_radius, all_of).tolist(),
-        "min_separation": [None if one.pair is None else one.distance for one in closest],
-        "min_separation_pair": [one.pair for one in closest],
-        "min_separation_time": [one.time for one in closest],
-        "min_separation_bound": [None if one.pair is None else one.bound for one in closest],
-        "goal_error": misses[:, :3].max(axis=1).tolist(),
-        "goal_velocity_error": misses[:, 3:].max(axis=1).tolist(),
-        "dynamics_error": np.maximum.reduceat(defect, starts).tolist(),
-        "fuel_lower_bound_proof": [proof for _, proof in bounds],
-        "craft_delta_v": of_craft(step * spent),
-        "craft_delta_v_2norm": of_craft(step * turned),
-    }
-    if isinstance(all_of, Participants):
-        clear = flights.clear or _least_separations(states, controls, problem, all_of)
-        columns["clearance"] = list(map(Clearance.of, clear, scenarios))
-        inside = partial(CorridorMargin.of, as_flown=flights.as_flown)
-        columns["corridor"] = list(map(inside, flown, pushed, scenarios))
+    columns["dynamics_error"] = np.maximum.reduceat(defect, starts).tolist()
     both = zip(scenarios, flown, strict=True)
     off = [missed(s.waypoints, one, problem) if s.waypoints else (None, None) for s, one in both]
     columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
-    if not isinstance(problem.thrust.model, str):
-        columns["craft_delta_v_thrusters"] = of_craft(step * burned)
-    if problem.thrust.objective == "fair":
-        left = np.concatenate([s.limits.delta_v for s in scenarios if s.limits is not None])
-        shares = np.split(step * burned / left, starts[1:])
-        columns["largest_share"] = [
-            LargestShare(int(one.argmax()), float(one.max()), bound)
-            for one, bound in zip(shares, least_shares, strict=True)
-        ]
-    if problem.thrust.min_delta_v is not None:
-        of_each = zip(pushed, scenarios, strict=True)
-        sizes = [burn_sizes(one, s.limits, problem.thrust) for one, s in of_each if s.limits]
-        least = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
-        columns["smallest_burn"] = [SmallestBurn(problem.thrust.min_delta_v, one) for one in least]
+    moved = (scenarios, flown, pushed, flights) if flights else (scenarios, flown, pushed)
+    columns["corridor"] = list(map(CorridorMargin.of, *moved))
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
         columns["passive_safety"] = _passive_safety(scenarios, states, controls, orbits, flights)
@@ -415,23 +362,113 @@ def certify(
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 
 
+def _side_by_side(scenarios: Sequence[Scenario]) -> SwarmPartition:
+    return side_by_side(tuple(one.n for one in scenarios))
+
+
+def _spending(
+    scenarios: Sequence[Scenario],
+    controls: Controls,
+    bounds: Sequence[tuple[float, str]],
+    least_shares: Sequence[float],
+) -> Columns:
+    """What is burned, and how far it is from the bounds."""
+    problem, starts = scenarios[0].problem, _side_by_side(scenarios).starts
+    thrust, step = problem.thrust, problem.time_step
+    each = list(zip(np.split(controls, starts[1:]), scenarios, strict=True))
+
+    def of_craft(values: OfCraft) -> list[tuple[float, ...]]:
+        return [tuple(one.tolist()) for one in np.split(values, starts[1:])]
+
+    burned = along_axes = np.abs(controls).sum(axis=(1, 2))
+    if thrust != ALONG_AXES:
+        burned = np.concatenate([spent(one, thrust, s.limits) for one, s in each])
+    used = np.add.reduceat(burned, starts).tolist()
+    both = zip(used, bounds, strict=True)
+    # Rounding of sums may put a bound above the fuel.
+    least = [min(b, fuel) if b <= fuel * (1 + SUM_ROUNDING) else b for fuel, (b, _) in both]
+    columns: Columns = {
+        "fuel": used,
+        "delta_v": [fuel * step for fuel in used],
+        "fuel_lower_bound": least,
+        "fuel_lower_bound_proof": [proof for _, proof in bounds],
+        "optimality_gap": [gap_of(*both, problem) for both in zip(used, least, strict=True)],
+        "craft_delta_v": of_craft(step * along_axes),
+        "craft_delta_v_2norm": of_craft(step * norm(controls).sum(axis=1)),
+    }
+    if not isinstance(thrust.model, str):
+        columns["craft_delta_v_thrusters"] = of_craft(step * burned)
+    if thrust.objective == "fair":
+        left = np.concatenate([s.limits.delta_v for s in scenarios if s.limits is not None])
+        shares = zip(np.split(step * burned / left, starts[1:]), least_shares, strict=True)
+        columns["largest_share"] = [
+            LargestShare(int(one.argmax()), float(one.max()), bound) for one, bound in shares
+        ]
+    if thrust.min_delta_v is not None:
+        sizes = [burn_sizes(one, s.limits, thrust) for one, s in each if s.limits]
+        smallest = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
+        columns["smallest_burn"] = [SmallestBurn(thrust.min_delta_v, one) for one in smallest]
+    return columns
+
+
+def _separations(
+    scenarios: Sequence[Scenario],
+    states: States,
+    controls: Controls,
+    flights: Sequence[NonlinearFlight],
+) -> Columns:
+    """How close craft come, at the nodes and at any time, by sizes of participants as well."""
+    problem = scenarios[0].problem
+    linear = partial(_least_separations, states, controls, problem)
+    closest, clear = _least(scenarios, linear, flights, NonlinearFlight.separation)
+    all_of = participants(scenarios)
+    collisions = swarm_node_collisions(states, problem.collision_radius, all_of)
+    return {
+        "node_collisions": collisions.tolist(),
+        "min_separation": [None if one.pair is None else one.distance for one in closest],
+        "min_separation_pair": [one.pair for one in closest],
+        "min_separation_time": [one.time for one in closest],
+        "min_separation_bound": [None if one.pair is None else one.bound for one in closest],
+        "clearance": clear,
+    }
+
+
 def _passive_safety(
     scenarios: Sequence[Scenario],
     states: States,
     controls: Controls,
     orbits: float,
-    flights: Flights,
+    flights: Sequence[NonlinearFlight],
 ) -> list[PassiveSafety]:
     """The passive safety of each scenario, by sizes of participants where these differ."""
-    flown, swarms = (states, controls, scenarios[0].problem, orbits), participants(scenarios)
-    craft = side_by_side(tuple(s.n for s in scenarios))
-    adrift = flights.adrift or least_after_loss(*flown, craft)
-    found = [PassiveSafety.of(orbits, least) for least in adrift]
-    if not isinstance(swarms, Participants):
-        return found
-    spaced = flights.clear_adrift or least_after_loss(*flown, swarms)
-    clear = map(Clearance.of, spaced, scenarios)
-    return [replace(one, clearance=of) for one, of in zip(found, clear, strict=True)]
+    problem = scenarios[0].problem
+
+    def in_flight(one: NonlinearFlight, swarms: SwarmPartition | None) -> Separation:
+        return least_adrift_in_world(one.states, one.controls, problem, orbits, swarms)
+
+    linear = partial(least_after_loss, states, controls, problem, orbits)
+    found = _least(scenarios, linear, flights, in_flight)
+    return [PassiveSafety.of(orbits, *one) for one in zip(*found, strict=True)]
+
+
+def _least(
+    scenarios: Sequence[Scenario],
+    linear: Callable[[SwarmPartition], list[Separation]],
+    flights: Sequence[NonlinearFlight],
+    in_flight: Callable[[NonlinearFlight, SwarmPartition | None], Separation],
+) -> tuple[list[Separation], list[Clearance | None]]:
+    """The least separations of craft, and clearances by sizes, in linear motion or flights."""
+
+    def least(*, alike: bool) -> list[Separation]:
+        if not flights:
+            return linear(_side_by_side(scenarios) if alike else participants(scenarios))
+        each = [None if alike else participants([one]) for one in scenarios]
+        return list(map(in_flight, flights, each))
+
+    closest = clear = least(alike=True)
+    if any(one.sized for one in scenarios):
+        clear = least(alike=False)
+    return closest, list(map(Clearance.of, clear, scenarios))
 
 
 def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float:
@@ -439,11 +476,6 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
     if fuel_lower_bound > problem.negligible_fuel:
         return fuel_used / fuel_lower_bound - 1
     return 0.0 if fuel_used <= problem.negligible_fuel else float("inf")
-
-
-def _rounded_down(bound: float, fuel_used: float) -> float:
-    """A lower bound on fuel; the fuel itself, m/s², where rounding of sums puts the bound above."""
-    return min(bound, fuel_used) if bound <= fuel_used * (1 + SUM_ROUNDING) else bound
 
 
 def _least_separations(

@@ -106,26 +106,25 @@ class PlanDocument(BaseModel):
 
     def plan(self, scenario: Scenario) -> Plan:
         """The plan that the other fields describe, for the scenario."""
-        names = {field.name for field in fields(Plan)} - {"as_flown"}
-        given: dict[str, Any] = {name: getattr(self, name) for name in names}
-        given["as_flown"] = self.world is not None
-        arrays = {name: np.array(given[name]) for name in ("states", "controls")}
-        return Plan(**given | arrays | {"scenario": scenario})
+        given: dict[str, Any] = {"scenario": scenario, "as_flown": self.world is not None}
+        given |= {name: np.array(getattr(self, name)) for name in ("states", "controls")}
+        others = (field.name for field in fields(Plan) if field.name not in given)
+        return Plan(**given, **{name: getattr(self, name) for name in others})
 
 
 def plan_document(plan: Plan) -> dict[str, Any]:
     """The fields of a plan file; what is infinite or absent becomes null."""
-    problem = plan.scenario.problem
+    problem, found = plan.scenario.problem, plan.certificate
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
     asked: dict[str, Any] = {}
     if plan.separation == "nodes":
         asked["separation"] = plan.separation
     if plan.as_flown and problem.orbit is not None:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
-    claims = asdict(plan.certificate)
+    claims = asdict(found)
+    if found.passive_safety is not None:
+        claims["passive_safety"] = found.passive_safety.document()
     given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) not in (None, ())}
-    if plan.certificate.passive_safety is not None:
-        given["passive_safety"] = plan.certificate.passive_safety.document()
     for name, value in claims.items():
         if isinstance(value, float) and not math.isfinite(value):
             claims[name] = None

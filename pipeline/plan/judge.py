@@ -7,17 +7,15 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, States
-from pipeline.orbit.nonlinear import clear_in_world, fly_in_world, least_adrift_in_world
+from pipeline.orbit.arrays import Controls
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import Separation
 from pipeline.orbit.thrust_cost import exceeds
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
-from pipeline.plan.certificate import Certificate, Flights, PassiveSafety, certify
+from pipeline.plan.certificate import Certificate, PassiveSafety, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.scenario import Scenario, participants, shared_problem
+from pipeline.scenario import Scenario, shared_problem
 
 # What a craft does that is beyond its limits
 EXCEEDS = {
@@ -51,57 +49,30 @@ def planned_all(
     *,
     as_flown: bool = False,
 ) -> list[Plan]:
-    """The plans of a planner's controls for scenarios of one problem, with their status.
-
-    As flown, they are flown about the problem's reference orbit; else motion is linear.
-    """
+    """The plans of controls for scenarios of one problem: in linear motion, or as flown."""
     if not scenarios:
         return []
-    started, flights = perf_counter(), None
-    problem = shared_problem(scenarios)
-    controls = np.concatenate([one.controls for one in made])
+    started, problem = perf_counter(), shared_problem(scenarios)
+    controls, flights = np.concatenate([one.controls for one in made]), []
     if as_flown:
-        states, flights = _flights(scenarios, made, requirements.passive_safety)
+        both = zip(scenarios, made, strict=True)
+        flights = [NonlinearFlight(s.initial, one.controls, problem) for s, one in both]
+        states = np.concatenate([flight.states for flight in flights])
     else:
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in made]
     shares = [one.least_share for one in made]
-    flown_by = scenarios, states, controls
-    certificates = certify(*flown_by, bounds, requirements, flights, shares)
+    certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
-    ends = np.cumsum([s.n for s in scenarios])[:-1]
+    ends, kept = np.cumsum([s.n for s in scenarios])[:-1], requirements.separation
     parts = np.split(states, ends), np.split(controls, ends), certificates
     plans = []
     for scenario, one, flown, burned, found in zip(scenarios, made, *parts, strict=True):
-        timing = {**one.timing, "certificate": each}
-        made_so = planner, SOLVED, flown, burned, found, one.convex_solves, timing
-        plan = Plan(scenario, *made_so, separation=requirements.separation, as_flown=as_flown)
+        so = flown, burned, found, one.convex_solves, {**one.timing, "certificate": each}
+        plan = Plan(scenario, planner, SOLVED, *so, separation=kept, as_flown=as_flown)
         plans.append(judged(plan))
     return plans
-
-
-def _flights(
-    scenarios: Sequence[Scenario], made: Sequence[Made], orbits: float | None
-) -> tuple[States, Flights]:
-    """Node states in the nonlinear flight, and how close craft come there, adrift as well."""
-    problem = scenarios[0].problem
-    of_each = [(s.initial, one.controls, problem) for s, one in zip(scenarios, made, strict=True)]
-    flights = [fly_in_world(*one) for one in of_each]
-    states, closest = [s for s, _ in flights], [apart for _, apart in flights]
-    alone = [side_by_side((s.n,)) for s in scenarios]
-    sized = any(s.sized for s in scenarios)
-    every = [participants([s]) for s in scenarios] if sized else []
-
-    def adrift(swarms: Sequence[SwarmPartition]) -> list[Separation]:
-        if orbits is None:
-            return []
-        each = zip(states, made, swarms, strict=True)
-        return [least_adrift_in_world(s, one.controls, problem, orbits, of) for s, one, of in each]
-
-    clear = [clear_in_world(*one, of) for one, of in zip(of_each, every, strict=False)]
-    clear_adrift = adrift(every) if sized else []
-    return np.concatenate(states), Flights(closest, adrift(alone), clear, clear_adrift)
 
 
 def planned(
@@ -127,34 +98,31 @@ def judged(plan: Plan) -> Plan:
 def violations(plan: Plan) -> dict[str, str]:
     """What a plan does not satisfy, in words, by requirement; NaN satisfies nothing."""
     wrong, found, problem = {}, plan.certificate, plan.scenario.problem
-    radius, limit, used = problem.collision_radius, problem.max_acceleration, np.abs(plan.controls)
-    position, velocity = found.goal_error, found.goal_velocity_error
-    if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
-        wrong["goal"] = f"misses its goal by {position:.3g} m and {velocity:.3g} m/s"
-    position, velocity = found.waypoint_error or 0.0, found.waypoint_velocity_error or 0.0
-    if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
-        wrong["waypoints"] = f"misses a waypoint by {position:.3g} m and {velocity:.3g} m/s"
-    limits = plan.scenario.limits
+    radius, limit, limits = problem.collision_radius, problem.max_acceleration, plan.scenario.limits
+    misses = {
+        "goal": ("its goal", found.goal_error, found.goal_velocity_error),
+        "waypoints": ("a waypoint", found.waypoint_error, found.waypoint_velocity_error),
+    }
+    for name, (what, position, velocity) in misses.items():
+        position, velocity = position or 0.0, velocity or 0.0
+        if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
+            wrong[name] = f"misses {what} by {position:.3g} m and {velocity:.3g} m/s"
     if limits is not None:
-        faults = [
-            f"craft {int(craft.argmax())} {EXCEEDS[name]}"
-            for name, craft in exceeds(plan.controls, limits, problem).items()
-            if craft.any()
-        ]
-        if faults:
+        exceeded = exceeds(plan.controls, limits, problem).items()
+        first = {name: int(craft.argmax()) for name, craft in exceeded if craft.any()}
+        if first:
+            faults = (f"craft {craft} {EXCEEDS[name]}" for name, craft in first.items())
             wrong["thrust"] = ", and ".join(faults)
-    elif limit is not None and not used.max() <= problem.most_control:
-        wrong["thrust"] = f"uses {used.max():.6g} m/s² where max_acceleration is {limit:g} m/s²"
+    elif limit is not None and not (used := np.abs(plan.controls).max()) <= problem.most_control:
+        wrong["thrust"] = f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
         wrong["separation"] = _too_close(found, radius)
     inside = found.corridor
     if inside and not inside.min_margin_bound > 0:
-        corridor = (
-            f"corridors[{inside.corridor}], {plan.scenario.corridors[inside.corridor].inside}"
-        )
+        k = inside.corridor
         wrong["corridor"] = (
-            f"craft {inside.craft} is {-inside.min_margin:.6g} m outside {corridor} at "
-            f"{inside.time:.6g} s"
+            f"craft {inside.craft} is {-inside.min_margin:.6g} m outside corridors[{k}], "
+            f"{plan.scenario.corridors[k].inside} at {inside.time:.6g} s"
         )
     drift = found.passive_safety
     if drift and not is_passively_safe(drift, radius):
@@ -193,10 +161,7 @@ def _too_close_adrift(drift: PassiveSafety, problem: Problem) -> str:
 def is_safe(
     certificate: Certificate, problem: Problem, requirements: Requirements = AT_ALL_TIMES
 ) -> bool:
-    """Whether no pair comes within the collision radius: at any time, or at the nodes only.
-
-    Where sizes differ, whether participants are as far apart as these ask for.
-    """
+    """Whether no pair comes within the collision radius, or too close by size, as is required."""
     clear = certificate.clearance
     if requirements.at_nodes or (clear is None and certificate.min_separation_bound is None):
         return certificate.node_collisions == 0
@@ -216,11 +181,11 @@ def check_states(plan: Plan) -> None:
     """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
     problem, initial = plan.scenario.problem, plan.scenario.initial
     if plan.as_flown:
-        defect = (plan.states - fly_in_world(initial, plan.controls, problem)[0])[..., :3]
+        defect = plan.states - NonlinearFlight(initial, plan.controls, problem).states
     else:
-        defect = dynamics_defect(plan.states, plan.controls, problem)[..., :3]
-    start = (plan.states[:, 0] - initial)[:, :3]
-    off = max(float(np.abs(defect).max()), float(np.abs(start).max()))
+        defect = dynamics_defect(plan.states, plan.controls, problem)
+    start = plan.states[:, 0] - initial
+    off = max(float(np.abs(one[..., :3]).max()) for one in (defect, start))
     if not off <= POSITION_TOLERANCE:
         over = "" if plan.as_flown else " over one interval"
         raise InputError(

@@ -6,6 +6,8 @@ from math import isfinite
 from operator import truediv
 from typing import Any
 
+import numpy as np
+
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.thrust import COMPONENTS, NORM
 from pipeline.plan.certificate import Certificate
@@ -113,33 +115,29 @@ def summary(plan: Plan) -> dict[str, Any]:
     claims = {name: getattr(found, name) for name in SUMMARY}
     if plan.status == INFEASIBLE:
         claims["optimality_gap"] = None
-    drifting = found.passive_safety
-    risk, assignment = (one and asdict(one) for one in (found.risk, plan.assignment))
-    of_thrust = found.largest_share, found.smallest_burn
-    largest_share, smallest_burn = (one and asdict(one) for one in of_thrust)
-    limits = plan.scenario.limits
-    left = () if limits is None else limits.delta_v.tolist()
+    inside = {name: getattr(found, name) for name in ("clearance", "corridor")}
     return {
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
         **claims,
-        **({"clearance": asdict(found.clearance)} if found.clearance else {}),
-        **({"corridor": asdict(found.corridor)} if found.corridor else {}),
-        "passive_safety": drifting and drifting.document(),
+        **{name: asdict(one) for name, one in inside.items() if one},
+        "passive_safety": found.passive_safety and found.passive_safety.document(),
         "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
-        "risk": risk,
-        "assignment": assignment,
-        "largest_share": largest_share,
-        "smallest_burn": smallest_burn,
-        "craft_share": tuple(map(truediv, spent_by(plan), left))
-        if any(map(isfinite, left))
-        else (),
+        "risk": found.risk and asdict(found.risk),
+        "assignment": plan.assignment and asdict(plan.assignment),
+        "largest_share": found.largest_share and asdict(found.largest_share),
+        "smallest_burn": found.smallest_burn and asdict(found.smallest_burn),
+        "craft_share": _shares(plan),
     }
 
 
-def spent_by(plan: Plan) -> tuple[float, ...]:
-    """Δv of each craft by the scenario's kind of thrust, m/s."""
-    found, model = plan.certificate, plan.scenario.problem.thrust.model
-    by_kind = {COMPONENTS: found.craft_delta_v, NORM: found.craft_delta_v_2norm}
-    return by_kind[model] if isinstance(model, str) else found.craft_delta_v_thrusters
+def _shares(plan: Plan) -> tuple[float, ...]:
+    """Share that each craft burns of the Δv it has left; none where that has no limit."""
+    found, limits = plan.certificate, plan.scenario.limits
+    if limits is None or not np.isfinite(limits.delta_v).any():
+        return ()
+    model, spent = plan.scenario.problem.thrust.model, found.craft_delta_v_thrusters
+    if isinstance(model, str):
+        spent = {COMPONENTS: found.craft_delta_v, NORM: found.craft_delta_v_2norm}[model]
+    return tuple(map(truediv, spent, limits.delta_v.tolist()))

@@ -18,35 +18,36 @@ from pipeline.plan.requirements import refuse_risk
 from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
-SAME = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
+SAME_RISK = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
+# Claims that must be what is found, with their units; of each craft, as shares of the whole Δv
+SAME = (
+    *(("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")),
+    *(("largest_share.share", ""), ("largest_share.craft", "")),
+    *(("smallest_burn.least", " m/s"), ("smallest_burn.asked", " m/s")),
+)
+OF_CRAFT = ("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters")
 # Least distances that may not be claimed larger than they are found, nor may the bounds below them
 DISTANCES = (
     *("min_separation", "passive_safety.min_separation", "clearance.min_clearance"),
     *("corridor.min_margin", "passive_safety.clearance.min_clearance"),
 )
 
-FalseClaim = tuple[str, float, float, str]
-"""Name of a field, the value that a file claims, the value found anew, and the unit."""
+FalseClaim = tuple[str, float, float, str]  # a field, what a file claims, what is found, and unit
 
 
 @dataclass(frozen=True, eq=False)
 class Rechecked:
     """A plan as found anew from its controls, and what is wrong with it."""
 
-    # states, certificate and status found anew from the scenario and the controls; the lower bound
-    # on the fuel and how it was proven are as the file has them
-    plan: Plan
-    # whether no pair comes within r_col, at any time or at the nodes, whichever was asked, nor
-    # after a loss of thrust where that is claimed
-    safe: bool
+    plan: Plan  # found anew, but for the lower bound on the fuel and its proof
+    safe: bool  # whether craft stay apart and inside corridors, as far as asked or claimed
     faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
 
 
 def recheck(claimed: Plan) -> Rechecked:
     """Fly a plan's controls from its scenario's initial states and certify the outcome.
 
-    Controls too large for numbers are an InputError, and so is passive safety that is claimed for
-    no length of a drift or with separation at the nodes only.
+    InputError for controls too large for numbers, and for claims that no planner can be asked for.
     """
     problem, said = claimed.scenario.problem, claimed.certificate
     most = float(np.abs(claimed.controls).max())
@@ -88,36 +89,37 @@ def recheck(claimed: Plan) -> Rechecked:
 
 
 def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> Iterator[FalseClaim]:
-    """Fields claimed larger than the controls give, or NaN, with both values and the unit."""
+    """Claims that the controls do not bear out, or NaN, with both values and the unit."""
     yield from _false_spending(said, found)
-    yield from _false_separations(said, found)
-    yield from _false_of_thrust(said, found)
+    for name in (part for least in DISTANCES for part in (least, f"{least}_bound")):
+        theirs, ours = (_field(one, name) for one in (said, found))
+        if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
+            yield name, theirs, ours, " m"
+    if said.largest_share and found.largest_share:
+        bound, share = said.largest_share.bound, found.largest_share.share
+        if not bound <= share * (1 + RELATIVE):
+            yield "largest_share.bound", bound, share, " at most"
     if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
         yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
-    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME) + FAR:
+    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME_RISK) + FAR:
         yield "risk.bound", said.risk.bound, found.risk.bound, ""
 
 
 def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
-    """Fuel, Δv of the swarm and of each craft, and the count of collisions at nodes."""
-    for name, unit in (("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")):
-        theirs, ours = getattr(said, name), getattr(found, name)
-        if not abs(theirs - ours) <= RELATIVE * abs(ours):
-            yield name, theirs, ours, unit
-    for name in ("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters"):
+    """Claims of what is burned, by the swarm and by each craft, and of collisions at nodes."""
+    for name, unit in SAME:
+        part = name.partition(".")[0]
+        if getattr(found, part) is not None:
+            theirs = nan if getattr(said, part) is None else _field(said, name) or 0.0
+            ours = _field(found, name) or 0.0
+            if not abs(theirs - ours) <= RELATIVE * abs(ours):
+                yield name, theirs, ours, unit
+    for name in OF_CRAFT:
         both = zip(getattr(said, name), getattr(found, name), strict=False)
         for k, (theirs, ours) in enumerate(both):
             if not abs(theirs - ours) <= RELATIVE * found.delta_v:
                 yield f"{name}[{k}]", theirs, ours, " m/s"
                 break
-
-
-def _false_separations(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
-    """The least separations, in flight and after a loss of thrust, and the bounds below them."""
-    for name in (part for least in DISTANCES for part in (least, f"{least}_bound")):
-        theirs, ours = (_field(one, name) for one in (said, found))
-        if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
-            yield name, theirs, ours, " m"
 
 
 def _field(certificate: Certificate, name: str) -> Any:
@@ -126,21 +128,3 @@ def _field(certificate: Certificate, name: str) -> Any:
     for part in name.split("."):
         found = getattr(found, part, None)
     return found
-
-
-def _false_of_thrust(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
-    """The largest share that a craft burns and no plan is below, and the smallest burn."""
-    if (share := found.largest_share) is not None:
-        theirs = said.largest_share
-        if theirs is None or not abs(theirs.share - share.share) <= RELATIVE * share.share:
-            yield "largest_share.share", theirs.share if theirs else nan, share.share, ""
-        elif theirs.craft != share.craft:
-            yield "largest_share.craft", theirs.craft, share.craft, ""
-        elif not theirs.bound <= share.share * (1 + RELATIVE):
-            yield "largest_share.bound", theirs.bound, share.share, " at most"
-    if (burn := found.smallest_burn) is not None:
-        claim, least = said.smallest_burn, burn.least or 0.0
-        if claim is None or not abs((claim.least or 0.0) - least) <= RELATIVE * least:
-            yield "smallest_burn.least", claim.least or 0.0 if claim else nan, least, " m/s"
-        elif claim.asked != burn.asked:
-            yield "smallest_burn.asked", claim.asked, burn.asked, " m/s"

@@ -70,9 +70,8 @@ class RiskLimit:
         if self.errors is not None:
             return self.errors.gaussian(problem.time_step)
         position, thrust = self.navigation_sigma or 0.0, self.thrust_sigma or 0.0
-        velocity = self.velocity_sigma
-        if velocity is None:
-            velocity = problem.mean_motion * position
+        given = self.velocity_sigma
+        velocity = problem.mean_motion * position if given is None else given
         return Uncertainty(position, velocity, thrust, thrust)
 
 
@@ -111,8 +110,7 @@ class Requirements:
                 f"risk is {self.risk!r}; expected a RiskLimit, with the errors that it is of, such "
                 "as RiskLimit(0.001, navigation_sigma=0.05)."
             )
-        besides = {"passive safety": self.passive_safety, "a risk": self.risk}
-        for what, asked in besides.items():
+        for what, asked in (("passive safety", orbits), ("a risk", self.risk)):
             if asked is not None and self.at_nodes:
                 raise InputError(
                     f"{what} is asked for with separation at the nodes only; expected craft that "
@@ -138,10 +136,7 @@ AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 
 
 def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> None:
-    """Refuse a limit on the collision risk where sizes of craft or obstacles differ.
-
-    And in closed loop where thrust has other limits than on its components.
-    """
+    """Refuse a limit on the risk where sizes differ, and in closed loop beside other limits."""
     if closed_loop and any(one.limits is not None for one in scenarios):
         raise InputError(
             "a risk is asked for in closed loop, and the scenario says more of thrust than "

@@ -1,11 +1,10 @@
 """Plans made for the nonlinear flight about a reference orbit, by any planner.
 
-The planner plans in the linear time-varying model about that orbit. Its controls are flown in all
-terms of gravity, J2 and drag; what is missed at goals and waypoints is of second order in the size
-of the swarm, and small changes of the burns make up for it, in two or three steps of Newton's
-method. So coasts stay coasts, and the active constraints of the linear programs stay active. Where
-much is missed, as by differential drag, and where craft come too close or leave a corridor, it
-plans again with that in view.
+The planner plans in the linear time-varying model about that orbit, and its controls are flown in
+all terms of gravity, J2 and drag. What is missed at goals and waypoints is of second order in the
+size of the swarm; small changes of the burns make up for it, in two or three steps of Newton's
+method. So coasts stay coasts, and active constraints stay active. Where much is missed, as by
+differential drag, and where craft come too close or leave a corridor, it plans again.
 """
 
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from pipeline.expert.batch import Batch
 from pipeline.orbit.arrays import Controls, Marked, States, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.decoupled import least_fuel
-from pipeline.orbit.nonlinear import nodes_in_world
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import node_distances
@@ -99,11 +98,8 @@ class AsFlown(PlannerWrapper):
         return replace(best, convex_solves=solves, timing=timing)
 
     def _again(self, plan: Plan, linear: Plan, passed: Waypoints, more: Values) -> Plan:
-        """The linear plan with more room, m, that leads to goals and waypoints in the flight.
-
-        As far as what linear motion leaves out is what it was, and that way is open to it. Who goes
-        where and when stays as it is.
-        """
+        """A new linear plan with more room, m, for goals shifted by what a flight adds."""
+        # Or for the goals themselves where there is none; who goes where and when stays as it is.
         planner = self.planner
         if isinstance(planner, GoalAssignment):
             planner = planner.planner
@@ -123,10 +119,7 @@ def _rank(plan: Plan) -> tuple[bool, bool, float]:
 
 
 def _passed(linear: Plan) -> Waypoints:
-    """The waypoints of a linear plan, at the times when it passes them; none if it does not.
-
-    As the plan of a baseline may not.
-    """
+    """The waypoints at the times when a linear plan passes them; none if it misses one."""
     problem, waypoints = linear.scenario.problem, linear.scenario.waypoints
     if (linear.certificate.waypoint_error or 0.0) > POSITION_TOLERANCE:
         return ()
@@ -136,10 +129,7 @@ def _passed(linear: Plan) -> Waypoints:
 
 
 def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenario:
-    """The scenario with goals and waypoints shifted by what the linear model leaves out.
-
-    As far as it leaves out of other flights what it leaves out of that one.
-    """
+    """The scenario with goals and waypoints shifted by what a flight adds to linear motion."""
     problem = scenario.problem
     left_out = states - fly(scenario.initial, controls, problem)
     waypoints = []
@@ -155,23 +145,17 @@ def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenar
 def _eased(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
     """The scenario with separation and corridors tightened, m, and thrust limits a little lower."""
     scenario = scenario.wider(wider, inside)
-    problem = scenario.problem
-    limit = None if problem.max_acceleration is None else problem.max_acceleration * LIMIT_SHARE
-    eased = replace(problem, max_acceleration=limit, thrust=_less(problem.thrust))
+    eased = replace(_less(scenario.problem), thrust=_less(scenario.problem.thrust))
     return replace(scenario, problem=eased, craft=tuple(map(_less, scenario.craft)))
 
 
-Limited = TypeVar("Limited", Thrust, Spacecraft)
+Limited = TypeVar("Limited", Problem, Thrust, Spacecraft)
 
 
 def _less(given: Limited) -> Limited:
     """The same with slightly lower limits, and a slightly larger least burn."""
-    share = {
-        "max_acceleration": LIMIT_SHARE,
-        "max_acceleration_norm": LIMIT_SHARE,
-        "delta_v": LIMIT_SHARE,
-        "min_delta_v": 1 / LIMIT_SHARE,
-    }
+    limits = "max_acceleration", "max_acceleration_norm", "delta_v"
+    share = {**dict.fromkeys(limits, LIMIT_SHARE), "min_delta_v": 1 / LIMIT_SHARE}
     values = {name: getattr(given, name, None) for name in share}
     eased = {name: share[name] * one for name, one in values.items() if one is not None}
     return replace(given, **eased)
@@ -183,11 +167,10 @@ def _missing(plan: Plan) -> float:
     least, drift = found.min_separation_bound, found.passive_safety
     if plan.requirements.at_nodes:
         least = node_distances(plan.states).min(initial=np.inf)
-    if found.clearance is not None:
-        least = radius + found.clearance.min_clearance_bound
-    bounds = [least, None if drift is None else drift.min_separation_bound]
-    if drift is not None and drift.clearance is not None:
-        bounds[1] = radius + drift.clearance.min_clearance_bound
+    both = [(least, found.clearance)]
+    if drift is not None:
+        both.append((drift.min_separation_bound, drift.clearance))
+    bounds = [one if by is None else radius + by.min_clearance_bound for one, by in both]
     close = [float(radius - one) for one in bounds if one is not None and one <= radius]
     if found.risk is not None and not found.risk.kept:
         close.append(RISK_WIDENING)
@@ -203,34 +186,24 @@ def _outside(plan: Plan) -> float:
 def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The plan of a linear plan's controls, corrected until the flight meets its goals.
-
-    The linear plan itself, as UNSOLVED, where these controls cannot be flown.
-    """
+    """The plan whose flight meets its goals; the linear one, UNSOLVED, where none is found."""
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
+    timed = replace(scenario, waypoints=passed)
     try:
-        return _as_corrected(scenario, linear, requirements, passed)
+        controls, states = _meeting(timed, linear.controls)
+        made = _made(timed, controls, states, linear)
+        plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
     except ProlearnError as error:
         why = f"as flown: {error}".removesuffix(".")
         return replace(linear, scenario=scenario, status=UNSOLVED, message=why)
-
-
-def _as_corrected(
-    scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
-) -> Plan:
-    """The corrected plan; ProlearnError where it cannot be flown or ends far from its goals."""
-    timed = replace(scenario, waypoints=passed)
-    controls, states = _meeting(timed, linear.controls)
-    made = _made(timed, controls, states, linear)
-    plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
-    plan = replace(plan, assignment=linear.assignment)
-    if (risk := plan.certificate.risk) is not None and (made_for := linear.certificate.risk):
-        risk = replace(risk, sigmas=made_for.sigmas, fuel_without=made_for.fuel_without)
-        plan = replace(plan, certificate=replace(plan.certificate, risk=risk))
-    burn, made_with = plan.certificate.smallest_burn, linear.certificate.smallest_burn
-    if burn is not None and made_with is not None:
-        burn = replace(burn, fuel_without=made_with.fuel_without)
-        plan = replace(plan, certificate=replace(plan.certificate, smallest_burn=burn))
+    found, before = plan.certificate, linear.certificate
+    if found.risk and before.risk:
+        made_for = {name: getattr(before.risk, name) for name in ("sigmas", "fuel_without")}
+        found = replace(found, risk=replace(found.risk, **made_for))
+    if found.smallest_burn and before.smallest_burn:
+        burn = replace(found.smallest_burn, fuel_without=before.smallest_burn.fuel_without)
+        found = replace(found, smallest_burn=burn)
+    plan = replace(plan, certificate=found, assignment=linear.assignment)
     if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
         return plan
     why = f"about this orbit the plan is {linear.status}: {linear.message}"
@@ -246,7 +219,7 @@ def _meeting(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
     tried: list[tuple[float, Controls, States]] = []  # with what is missed, in GOAL_TOLERANCE
     while len(tried) <= MOST_CORRECTIONS:
         try:
-            states = nodes_in_world(scenario.initial, controls, problem)
+            states = NonlinearFlight(scenario.initial, controls, problem).states
         except ProlearnError:
             if not tried:
                 raise
@@ -272,30 +245,21 @@ def _arrivals(scenario: Scenario) -> Arrivals:
 
 
 def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
-    """Controls and node states of a flight, with the bound of linear programs about it.
-
-    ProlearnError where it leads too far from its goals for there to be any.
-
-    Where goals or times were chosen, the bound of all choices changes as this one's does.
-    """
+    """The controls of a flight, with the bound of linear programs about it."""
+    # Where goals or times were chosen, the bound of all choices changes as this one's does.
     try:
         shifted = _as_linear(scenario, controls, states)
     except InputError as error:  # it is beyond where scenarios are
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
-    found, batch = linear.certificate, _batch(shifted)
+    found, batch = linear.certificate, Batch([shifted], arrivals=_arrivals(shifted))
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        change = bound - _batch(_eased(scenario)).bound(0)[0]
+        eased = _eased(scenario)
+        change = bound - Batch([eased], arrivals=_arrivals(eased)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
-    timing = {"plan": linear.timing.get("plan", 0.0)}
-    proven, least = (bound, PROOF.format(proof)), batch.least_share(batch.craft[0])
-    return Made(controls, *proven, linear.convex_solves, timing, least_share=least)
-
-
-def _batch(scenario: Scenario) -> Batch:
-    """A scenario whose waypoints have times, as the expert has it."""
-    return Batch([scenario], arrivals=_arrivals(scenario))
+    least, timing = batch.least_share(batch.craft[0]), {"plan": linear.timing.get("plan", 0.0)}
+    return Made(controls, bound, PROOF.format(proof), linear.convex_solves, timing, least)
 
 
 def _changed(

@@ -137,12 +137,9 @@ class _Subproblem:
         return (*self.slots[: self.kept], *slots.tolist())
 
     def bounds_without(self, costs: Float[Array, "n n"]) -> OfCraft:
-        """For each craft, a lower bound on the cost of the part where it takes another goal.
-
-        That craft needs another goal, and its goal another craft; by the reduced costs, none of
-        which is negative, either adds the least that is left to it. Those of kept craft are not
-        to be used.
-        """
+        """For each craft, a lower bound on the cost of the part where it takes another goal."""
+        # It needs another goal, and its goal another craft; by the reduced costs, none of which is
+        # negative, either adds the least that is left to it. Kept craft have no bound.
         left, slots = self.costs(costs), np.array(self.slots[self.kept :])
         own = np.arange(len(slots))
         chosen = left[own, slots]

@@ -66,20 +66,14 @@ def certified(
     answer: Callable[[Batch], Controls],
     requirements: Requirements,
 ) -> list[Plan]:
-    """Plans and certificates from a planner's controls, INFEASIBLE where that is proven.
-
-    The answer is the controls of all their craft, one after the other, m/s², which meet the goals;
-    it is asked for once, and timed.
-    """
+    """Plans of the controls, m/s², that a planner answers; INFEASIBLE where that is proven."""
     if not scenarios:
         return []
     started, batch = time.perf_counter(), Batch(scenarios)
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
     made = [
-        Made(
-            *(controls[craft], *batch.bound(k)), timing=timing, least_share=batch.least_share(craft)
-        )
+        Made(controls[craft], *batch.bound(k), 0, timing, batch.least_share(craft))
         for k, craft in enumerate(batch.craft)
     ]
     plans = planned_all(planner, scenarios, made, requirements)

@@ -15,27 +15,17 @@ from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs,
 from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 
+# Assignments that are planned at most, besides the given order. On 100 crowded scenarios of ten
+# craft (family dense) the best of 1, 4, 8 and 16 is 1.51, 1.19, 1.18 and 1.18 % above the bound, on
+# 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 MOST_PLANNED = 16
-"""Assignments that are planned at most, besides the given order.
-
-On 100 crowded validation scenarios of ten craft (family dense) the best of 1, 4, 8 and 16 is 1.51,
-1.19, 1.18 and 1.18 % above the bound, on 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
-"""
-
 LARGE_GAP = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
 # How the bound of all assignments is proven
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
-IMPOSSIBLE = (
-    "whichever goals they take, some craft cannot reach its own{} within {}, which is proven"
-)
-
-UNSAFE_DRIFT = (
-    "whichever goals they take, a craft adrift comes within collision_radius of another after the "
-    "plan, which is proven"
-)
-
-TIMES = ("plan", "certificate")  # stages whose seconds are summed over all that are tried
+IMPOSSIBLE = "some craft cannot reach its own{} within {}"
+UNSAFE_DRIFT = "a craft adrift comes within collision_radius of another after the plan"
+PROVEN = "whichever goals they take, {}, which is proven"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +42,8 @@ class GoalAssignment(PlannerWrapper):
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.
 
-        The certificate's lower bound on the fuel is that of all assignments. Where it is proven
-        that every assignment asks more of some craft than its thrust limit, the plan is
-        INFEASIBLE, and of the given order.
+        The certificate's lower bound on the fuel is that of all assignments. Where every one is
+        proven to ask too much of some craft, the plan is INFEASIBLE, and of the given order.
         """
         if not scenarios:
             return []
@@ -103,9 +92,6 @@ class _Candidates:
         """The assignments of least cost, the least first; found only where they are asked for."""
         return list(islice(ranked(self.allowed), self.most))
 
-    def _gap(self, fuel: float, bound: float) -> float:
-        return gap_of(fuel, bound, self.scenario.problem)
-
     def narrow(self) -> None:
         """Leave out assignments that cannot be passively safe, where that refutes the first."""
         (plan,), scenario = self.tried.values(), self.scenario
@@ -119,15 +105,12 @@ class _Candidates:
             self.first = next(ranked(self.allowed), None)
 
     def others(self) -> list[Slots]:
-        """Assignments that may be better than the first's plan: the next best, and the given order.
-
-        None where that plan is safe and not dear, and none whose decoupled costs are more.
-        """
+        """Assignments that may be better than the first's plan: the next best, and the given."""
+        # None where that plan is safe and not dear, and none whose decoupled costs are more.
         if self.first is None:
             return []
-        plan, craft = self.tried[self.first], range(self.scenario.n)
-        least = plan.certificate.fuel if plan.status == SOLVED else np.inf
-        if self._gap(least, self.costs.of(self.first)) <= LARGE_GAP:
+        craft, least = range(self.scenario.n), _fuel(self.tried[self.first])
+        if gap_of(least, self.costs.of(self.first), self.scenario.problem) <= LARGE_GAP:
             return []
         asked = dict.fromkeys([*self.ranking[1:], self.given])
         return [
@@ -137,13 +120,9 @@ class _Candidates:
     def best(self, seconds: float) -> Plan:
         """The cheapest safe plan, or else the first tried; the search took so many seconds."""
         tried = self.tried
-        fuel = {
-            one: plan.certificate.fuel if plan.status == SOLVED else np.inf
-            for one, plan in tried.items()
-        }
-        slots = min(fuel, key=lambda one: fuel[one])  # of equals the first tried
+        slots = min(tried, key=lambda one: _fuel(tried[one]))  # of equals the first tried
         timing = {**tried[slots].timing, "assignment": seconds}
-        for name in TIMES:
+        for name in ("plan", "certificate"):  # of all that are tried
             timing[name] = sum(plan.timing.get(name, 0.0) for plan in tried.values())
         timing["plan"] += seconds
         solves = sum(plan.convex_solves for plan in tried.values())
@@ -152,9 +131,10 @@ class _Candidates:
             plain = self.scenario.limits is None
             limits = "max_acceleration" if plain else "its limits of thrust and delta_v"
             way = " by its waypoints" if self.scenario.waypoints else ""
-            return replace(plan, status=INFEASIBLE, message=IMPOSSIBLE.format(way, limits))
+            message = PROVEN.format(IMPOSSIBLE.format(way, limits))
+            return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
-            plan = replace(plan, message=UNSAFE_DRIFT)
+            plan = replace(plan, message=PROVEN.format(UNSAFE_DRIFT))
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)
@@ -162,7 +142,7 @@ class _Candidates:
         certificate = replace(
             plan.certificate,
             fuel_lower_bound=bound,
-            optimality_gap=self._gap(plan.certificate.fuel, bound),
+            optimality_gap=gap_of(plan.certificate.fuel, bound, self.scenario.problem),
             fuel_lower_bound_proof=f"{PROOF}: {self.costs.proof}",
         )
         return replace(plan, certificate=certificate, assignment=self._assignment(slots, plan))
@@ -183,3 +163,8 @@ class _Candidates:
             given_fuel_lower_bound=given if np.isfinite(given) else None,
             saving=1 - fuel / given if known and plan.status == SOLVED else None,
         )
+
+
+def _fuel(plan: Plan) -> float:
+    """Fuel of a plan, m/s²; infinite where it is not SOLVED."""
+    return plan.certificate.fuel if plan.status == SOLVED else np.inf

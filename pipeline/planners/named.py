@@ -29,10 +29,9 @@ def named_planner(
 ) -> Planner | None:
     """The planner of a name, or None where it is none of NAMES.
 
-    A baseline keeps no craft apart and is judged by the requirements. The effort, of EFFORTS, is
-    the expert's: by default it goes on until its plan no longer improves, and comes after the
-    refiner only where that has no safe plan; ``raw`` leaves it out there. InputError for an option
-    that the planner has no use for.
+    The effort, of EFFORTS, is the expert's: by default it goes on until its plan no longer
+    improves, and comes after the refiner only where that has no safe plan; ``raw`` leaves it out
+    there. InputError for an option that the planner has no use for.
     """
     if name not in NAMES:
         return None
@@ -58,9 +57,8 @@ def named_planner(
 def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
     """A network's plans made safe by the expert.
 
-    Controls are a plan already, so that without an effort the expert comes after them only where
-    they are not proven safe, and ends at its first safe plan. States are a seed, and so are
-    controls where the expert is to better them. An effort is one of EFFORTS.
+    Controls are a plan already: without an effort, of EFFORTS, the expert comes after them only
+    where they are not proven safe. States are a seed, as are controls that it is to better.
     """
     from pipeline.planners.network import FallbackPlanner, Seeded
 

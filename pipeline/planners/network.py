@@ -17,7 +17,7 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.planners.classical import certified
-from pipeline.planners.planner import PlannerWrapper
+from pipeline.planners.planner import PlannerWrapper, requiring
 from pipeline.scenario import Scenario
 
 SAME = 1e-6  # relative difference in orbit or step that makes no other problem to a network
@@ -31,9 +31,7 @@ class NetworkPlanner:
 
     model: TrainedNetwork
     name: str  # what tables and plans call it
-    # what its plans are judged by; the network knows the collision radius, or that of the largest
-    # craft where these are smaller, alone
-    requirements: Requirements = AT_ALL_TIMES
+    requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
@@ -78,11 +76,7 @@ class Seeded(PlannerWrapper):
         return f"{self.planner.name} + expert"
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, safe wherever the expert finds one.
-
-        A plan is called by both planners, and by the expert alone where no craft were in conflict
-        on their decoupled optima: then the seed was not looked at.
-        """
+        """One plan for each scenario, safe wherever the expert finds one."""
         seeds, asked = self.planner.plan(scenarios), self.requirements
         plans = nominal_plans(scenarios, [seed.states for seed in seeds], self.settings, asked)
         for k, (seed, plan) in enumerate(zip(seeds, plans, strict=True)):
@@ -94,27 +88,15 @@ class Seeded(PlannerWrapper):
 
 
 @dataclass(frozen=True, eq=False)
-class FallbackPlanner:
+class FallbackPlanner(PlannerWrapper):
     """A network, then one convex solve from it, then the expert, until a plan is proven safe."""
 
-    network: NetworkPlanner
     settings: Settings = FIRST_SAFE  # of the expert where it comes to that
-
-    @property
-    def name(self) -> str:
-        """The network's; its plans say who made them."""
-        return self.network.name
-
-    @property
-    def requirements(self) -> Requirements:
-        """As of the network."""
-        return self.network.requirements
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, named by who made it, safe wherever the expert finds one."""
         asked = self.requirements
-        plans = replace(self.network, requirements=asked.nominal).plan(scenarios)
-
+        plans = requiring(self.planner, asked.nominal).plan(scenarios)
         plans = _where_unsafe(plans, ONE_SOLVE, asked, f"{self.name} + one solve", seeded=True)
         plans = _where_unsafe(plans, self.settings, asked, "expert")
         return [within_risk(plan, asked, self.settings) for plan in plans]
@@ -140,14 +122,10 @@ def _where_unsafe(
 def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model's with an InputError.
 
-    The collision radius and the limit on the control may differ: no network knows the limit, one
-    that reads the radius is told the scenario's, and the certificate judges by these. A refiner
-    plans any. The message says ``where`` the problem is from, such as a dataset's folder.
+    It says ``where`` the problem is from. Collision radius and thrust limit may differ, and a
+    refiner plans any problem.
     """
-    if model.architecture == REFINER:
-        return
-    field = _other_field(model, problem)
-    if field is not None:
+    if model.architecture != REFINER and (field := _other_field(model, problem)):
         there, known = (_written(getattr(one, field)) for one in (problem, model.problem))
         raise InputError(
             f"{where} has {field} {there} and the network {model.architecture} was trained with "

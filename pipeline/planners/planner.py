@@ -44,10 +44,7 @@ class PlannerWrapper:
 
 
 def requiring(planner: Planner, requirements: Requirements) -> Planner:
-    """The same planner with other requirements, or that with the same if it is no dataclass.
-
-    One that has another planner has its requirements from that one.
-    """
+    """The same planner, or the one in it, with other requirements; no dataclass stays as it is."""
     if not is_dataclass(planner):
         return planner
     parts = {field.name: getattr(planner, field.name) for field in fields(planner)}
@@ -59,10 +56,7 @@ def requiring(planner: Planner, requirements: Requirements) -> Planner:
 
 
 def identity(planner: Planner) -> dict[str, Any]:
-    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans.
-
-    Of a network whose architecture others bring, the version of its code as well.
-    """
+    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans."""
     return {"name": planner.name, **_identified(planner)}
 
 

@@ -17,7 +17,7 @@ from pipeline.errors import InputError, check_choice, check_kind, check_whole
 from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
 from pipeline.orbit.arrays import Formation, Marked
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.relative_elements import ring_states
+from pipeline.orbit.rings import ring_states
 from pipeline.orbit.separation import drift_separations, node_collisions
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario

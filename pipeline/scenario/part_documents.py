@@ -9,7 +9,7 @@ from pipeline.orbit.arrays import Formation, OfCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.relative_elements import ring_states
+from pipeline.orbit.rings import ring_states
 from pipeline.scenario.fields import (
     NoBurn,
     Number,

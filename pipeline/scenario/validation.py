@@ -12,8 +12,7 @@ from pipeline.orbit.arrays import AnyState, Formation
 from pipeline.orbit.dynamics import ModelError, model_error
 from pipeline.orbit.participants import Participants, at_the_end
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.relative_elements import secular_drift
-from pipeline.orbit.rings import energy_mismatch
+from pipeline.orbit.rings import energy_mismatch, secular_drift
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import free_drift
 from pipeline.scenario.diagnostic import Case, Diagnostic

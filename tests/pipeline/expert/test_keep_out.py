@@ -10,7 +10,7 @@ from judge import Case, after, judge_plan, least_adrift, least_clearance, obstac
 import prolearn
 from pipeline.errors import InputError
 from pipeline.flight.conditions import Conditions, in_world
-from pipeline.orbit.nonlinear import fly_in_world
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.participants import Obstacle, Participants
 from pipeline.orbit.problem import Problem
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, recheck
@@ -269,14 +269,13 @@ def test_as_flown_about_an_oblate_earth_they_are_kept_in_the_nonlinear_flight():
     problem, clear = plan.scenario.problem, plan.certificate.clearance
     assert clear is not None
     # The obstacles, flown as craft that do not burn, and the craft, at Chebyshev nodes and between.
-    from pipeline.orbit.nonlinear import flown_between
-
     time = np.tile(np.linspace(0, problem.time_step, 200), (problem.intervals, 1))
-    craft = flown_between(asked.initial, plan.controls, problem, time)[..., :3]
+    flight = NonlinearFlight(asked.initial, plan.controls, problem)
+    craft = flight.between(time)[..., :3]
     idle = np.zeros((1, problem.intervals, 3))
     least = np.inf
     for one in asked.obstacles:
-        path = flown_between(np.array([one.state]), idle, problem, time)[..., :3]
+        path = NonlinearFlight(np.array([one.state]), idle, problem).between(time)[..., :3]
         apart = np.linalg.norm(craft - path, axis=-1).min(axis=(1, 2))
         least = min(least, float((apart - one.axes[0] - asked.radii).min()))
     i, j = np.triu_indices(6, 1)
@@ -284,7 +283,7 @@ def test_as_flown_about_an_oblate_earth_they_are_kept_in_the_nonlinear_flight():
     least = min(least, float((apart - asked.radii[i] - asked.radii[j]).min()))
     assert clear.min_clearance_bound <= least
     assert clear.min_clearance == pytest.approx(least, abs=0.05)
-    assert fly_in_world(asked.initial, plan.controls, problem)[0].shape == plan.states.shape
+    assert flight.states.shape == plan.states.shape
 
 
 def test_as_flown_refuses_what_it_does_not_prove():

@@ -12,8 +12,7 @@ from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.relative_elements import ring_states, secular_drift
-from pipeline.orbit.rings import pro_states
+from pipeline.orbit.rings import pro_states, ring_states, secular_drift
 from pipeline.scenario import Scenario, diagnostics
 
 LEO = R_EARTH + 500e3

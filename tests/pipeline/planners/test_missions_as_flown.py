@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from pipeline.orbit.approaches import pairs
 from pipeline.orbit.corridors import Box, Cone, Corridor
-from pipeline.orbit.nonlinear import fly_in_world
+from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
@@ -113,7 +113,7 @@ def test_the_linear_plan_misses_them_in_flight_and_little_more_fuel_meets_them(n
     """The sails by metres, as drag moves them where linear motion does not know it."""
     (linear,) = expert().plan([MISSIONS[name]])
     problem = MISSIONS[name].problem
-    states, _ = fly_in_world(linear.scenario.initial, linear.controls, problem)
+    states = NonlinearFlight(linear.scenario.initial, linear.controls, problem).states
     astray = missed(linear, states[:, 1:, None])
     assert astray[0] > (1.0 if name == "sails" else 1e-3)
     found = planned(name).certificate

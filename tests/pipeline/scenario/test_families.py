@@ -12,8 +12,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.relative_elements import secular_drift
-from pipeline.orbit.rings import energy_mismatch
+from pipeline.orbit.rings import energy_mismatch, secular_drift
 from pipeline.scenario import FAMILIES, SPLITS, check, draw, draw_many
 
 PROBLEM = Problem()

@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.relative_elements import ring_states, secular_drift
+from pipeline.orbit.rings import ring_states, secular_drift
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.named import named_planner
 from pipeline.scenario.document import read_scenario, write_by_hand
