@@ -20,6 +20,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 # Eight processes of a server for evaluations of language models, which nobody here asks for.
 os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
+# Worker processes, whose imports take long, where a test asks for them and not for one a core.
+os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
 
 # Files of tests lie in memory where there is room: what is flushed there takes no time.
 MEMORY, NEEDED = Path("/dev/shm"), 4e9  # bytes, several times what the tests write

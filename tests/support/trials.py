@@ -56,8 +56,7 @@ def drawn(
     n, intervals, _ = controls.shape
     deviation = np.repeat([errors.position, errors.velocity], 3)
     starts = initial + deviation * rng.normal(size=(trials, n, 6))
-    asked = np.broadcast_to(controls, (trials, *controls.shape))
-    return starts, made(asked, errors.thrust, rng.normal(size=(trials, n, intervals, 3)))
+    return starts, made(controls, errors.thrust, rng.normal(size=(trials, n, intervals, 3)))
 
 
 def made(controls: np.ndarray, share: float, draws: np.ndarray) -> np.ndarray:
@@ -118,25 +117,36 @@ def frequency_corrected(
 ) -> int:
     """In how many trials any pair comes within the collision radius, corrected at each node."""
     nodes, _, flown = corrected(problem, states, controls, errors, trials, seed)
-    return _hits(problem, nodes, flown, positions(problem, states, controls))
+    return _hits(problem, nodes, flown, states, controls)
 
 
-def _hits(problem: Case, states: np.ndarray, made: np.ndarray, planned: np.ndarray) -> int:
-    """In how many trials any pair comes within the radius, of craft as planned (n, times, 3).
+def _hits(
+    problem: Case,
+    states: np.ndarray,
+    made: np.ndarray,
+    planned: np.ndarray,
+    controls: np.ndarray,
+) -> int:
+    """In how many trials any pair comes within the radius, of node states and controls flown.
 
-    A pair is looked at when some trial's craft err far enough from their plans to meet.
+    A pair is looked at when some trial's craft may err far enough from the plan's to meet.
     """
-    (trials, n, T, _), many = states.shape, 200  # trials whose positions a processor holds
-    i, j = np.triu_indices(n, 1)
-    gaps = np.linalg.norm(planned[i] - planned[j], axis=-1)
-    hit = np.zeros(trials, dtype=bool)
-    for part in (slice(k, k + many) for k in range(0, trials, many)):
-        flat = states[part].reshape(-1, T, 6), made[part].reshape(-1, T - 1, 3)
-        tracks = positions(problem, *flat).reshape(-1, *planned.shape)
-        off = np.sqrt(np.square(tracks - planned).sum(axis=-1).max(axis=0))
-        for one, other, at in zip(i, j, gaps < problem.radius + off[i] + off[j], strict=True):
-            apart = tracks[:, one, at] - tracks[:, other, at]
-            hit[part] |= (np.square(apart).sum(axis=-1) < problem.radius**2).any(axis=1)
+    flow = _flow(problem, np.arange(PIECES + 1))
+    flown = np.concatenate([states[..., :-1, :], made], axis=-1)
+    plan = np.concatenate([planned[:, :-1], controls], axis=-1)
+    tracks = (plan @ flow.reshape(-1, 9).T).reshape(*plan.shape[:2], -1, 3)
+    # Largest errors of positions, velocities and burns, and what each comes to at most later on.
+    errors = np.linalg.norm((flown - plan).reshape(*flown.shape[:-1], 3, 3), axis=-1).max(axis=0)
+    growth = np.linalg.norm(flow.reshape(-1, 3, 3, 3).swapaxes(1, 2), ord=2, axis=(-2, -1))
+    off = errors @ growth.T  # (n, T-1, times)
+    i, j = np.triu_indices(len(plan), 1)
+    near = np.linalg.norm(tracks[i] - tracks[j], axis=-1) < problem.radius + off[i] + off[j]
+    hit = np.zeros(len(flown), dtype=bool)
+    for pair, k in np.argwhere(near.any(axis=-1)):
+        apart = flown[:, i[pair], k] - flown[:, j[pair], k]
+        gap = apart @ flow[near[pair, k]].reshape(-1, 9).T
+        square = np.square(gap).reshape(len(gap), -1, 3).sum(axis=-1)
+        hit |= (square < problem.radius**2).any(axis=1)
     return int(hit.sum())
 
 
@@ -175,8 +185,7 @@ def frequency(
     starts, pushes = drawn(initial, controls, errors, trials, np.random.default_rng(seed))
     flat = starts.reshape(-1, 6), pushes.reshape(-1, problem.nodes - 1, 3)
     states = fly(problem, *flat).reshape(*starts.shape[:2], problem.nodes, 6)
-    planned = positions(problem, fly(problem, initial, controls), controls)
-    return _hits(problem, states, pushes, planned)
+    return _hits(problem, states, pushes, fly(problem, initial, controls), controls)
 
 
 def wilson(hits: int, trials: int, z: float = 3.3) -> tuple[float, float]:
@@ -189,9 +198,13 @@ def wilson(hits: int, trials: int, z: float = 3.3) -> tuple[float, float]:
 
 def positions(problem: Case, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
     """Positions at PIECES times an interval, and the last."""
-    offsets = problem.step / PIECES * np.arange(1, PIECES + 1)
-    maps = [exact_step(problem.rate, float(at)) for at in offsets]
-    free, forced = (np.stack([one[k][:3] for one in maps]) for k in (0, 1))
-    flow = np.concatenate([free, forced], axis=2).reshape(-1, 9)
+    flow = _flow(problem, np.arange(1, PIECES + 1)).reshape(-1, 9)
     inside = np.concatenate([states[:, :-1], controls], axis=2) @ flow.T
     return np.concatenate([states[:, :1, :3], inside.reshape(len(states), -1, 3)], axis=1)
+
+
+def _flow(problem: Case, pieces: np.ndarray) -> np.ndarray:
+    """From a node's state and the burn that is held to positions after some pieces, (k, 3, 9)."""
+    maps = [exact_step(problem.rate, float(at)) for at in problem.step / PIECES * pieces]
+    free, forced = (np.stack([one[k][:3] for one in maps]) for k in (0, 1))
+    return np.concatenate([free, forced], axis=2)

@@ -1,5 +1,6 @@
 """The plain SCP: its programs against HiGHS, its plans against numpy, its memory against none."""
 
+from functools import cache
 from itertools import combinations
 
 import cvxpy as cp
@@ -25,6 +26,12 @@ SCENARIOS = [draw("rings", 0, N, k, Problem()) for k in range(6)]
 @pytest.fixture(scope="module")
 def scp():
     return PlainScp(N, Problem())
+
+
+@pytest.fixture(scope="module")
+def plans(scp):
+    """Plans of the scenarios from a kind of seed, or from none."""
+    return cache(lambda make: [scp.solve(s, make and make(s)) for s in SCENARIOS])
 
 
 def rolled_out(initial, controls, problem):
@@ -84,9 +91,8 @@ def test_its_first_program_has_the_optimum_that_highs_finds(scp, make, monkeypat
 
 
 @pytest.mark.parametrize("make", [None, line_seed, decoupled_seed])
-def test_its_plans_obey_the_dynamics_reach_the_goal_and_are_clear_at_every_node(scp, make):
-    for scenario in SCENARIOS:
-        plan = scp.solve(scenario, make and make(scenario))
+def test_its_plans_obey_the_dynamics_reach_the_goal_and_are_clear_at_every_node(plans, make):
+    for scenario, plan in zip(SCENARIOS, plans(make), strict=True):
         assert plan.status == "solved"
         position = rolled_out(scenario.initial, plan.controls, scenario.problem)
         assert np.abs(position[:, -1] - scenario.goal[:, :3]).max() < 1e-6
@@ -129,15 +135,13 @@ def by_cvxpy(scenario, aim):
     return UNIT * program.solve(solver=cp.CLARABEL)
 
 
-def test_the_nearer_a_seed_is_to_the_optimum_the_fewer_solves_it_takes(scp):
-    asked = Requirements("nodes")
-    seeds = [
-        lambda s: solve(s, requirements=asked).states,
-        line_seed,
-        lambda s: None,
-    ]
+def test_the_nearer_a_seed_is_to_the_optimum_the_fewer_solves_it_takes(plans):
+    def optimal_seed(scenario):
+        return solve(scenario, requirements=Requirements("nodes")).states
+
     optimum, line, blank = (
-        np.mean([scp.solve(s, make(s)).convex_solves for s in SCENARIOS]) for make in seeds
+        np.mean([plan.convex_solves for plan in plans(make)])
+        for make in (optimal_seed, line_seed, None)
     )
     assert optimum < line < blank
     assert optimum < 2

@@ -1,6 +1,5 @@
 """Facets of hulls from the cache folder: those of Qhull, whatever is in the folder."""
 
-import os
 import subprocess
 import sys
 
@@ -12,26 +11,47 @@ from pipeline.orbit.hulls import corners
 
 CLOUDS = [np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)]
 CODE = """
-import sys
+import os, sys
 import numpy as np
 from pipeline.orbit.hulls import corners
-found = corners([np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)])
-np.savez(sys.argv[1], *found)
-print("scipy" in sys.modules)
+
+clouds = [np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)]
+for line in sys.stdin:
+    if child := os.fork():
+        assert os.waitpid(child, 0)[1] == 0
+        continue
+    os.environ["XDG_CACHE_HOME"] = line.rstrip()
+    np.savez(sys.argv[1], *corners(clouds))
+    print("scipy" in sys.modules, flush=True)
+    os._exit(0)
 """
+"""For each folder for caches that it reads, corners in a new process, forked before SciPy."""
+
+
+@pytest.fixture(scope="module")
+def forks(tmp_path_factory):
+    """A process that does this, and the file of corners."""
+    found = tmp_path_factory.mktemp("corners") / "found.npz"
+    command = (sys.executable, "-c", CODE, str(found))
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        yield process, found
+    assert process.returncode == 0
 
 
 @pytest.fixture
-def in_a_new_process(tmp_path):
+def in_a_new_process(forks):
     """Corners as a process without SciPy has them, and whether it imported that."""
+    process, found = forks
 
     def ask(folder):
-        found, home = tmp_path / "found.npz", {**os.environ, "XDG_CACHE_HOME": str(folder)}
-        command = (sys.executable, "-c", CODE, str(found))
-        done = subprocess.run(command, capture_output=True, text=True, env=home)
-        assert done.returncode == 0, done.stderr
+        process.stdin.write(f"{folder}\n")
+        process.stdin.flush()
+        computed = process.stdout.readline()
+        assert computed in ("True\n", "False\n")
         with np.load(found) as file:
-            return [file["arr_0"], file["arr_1"]], done.stdout == "True\n"
+            return [file["arr_0"], file["arr_1"]], computed == "True\n"
 
     return ask
 

@@ -161,7 +161,7 @@ def along_track(problem, first):
 
     The slope of along-track positions averaged over each of three revolutions.
     """
-    orbit, looks = problem.orbit, 720
+    orbit, looks = problem.orbit, 180
     begin = orbit.states(np.array([0.0, first]))[-1]
     period = 2 * np.pi * (orbit.mean_elements.semi_major_axis**3 / MU_EARTH) ** 0.5
     times = period * (1 + np.arange(3 * looks)) / looks

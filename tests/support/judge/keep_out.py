@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from judge.adrift import place
-from judge.motion import Case, after
+from judge.motion import Case, after, exact_step
 
 PARTS = 60
 """Grid steps in a time step."""
@@ -96,17 +96,18 @@ def least_adrift(
     """Least clearance on a grid of a craft adrift from any node; the true one is hardly less."""
     n, radii = len(states), radii_of(document, problem, len(states))
     length, least = orbits * 2 * np.pi / problem.rate, np.inf
+    since = np.append(np.arange(0.0, length, problem.step / 12), length).round(9).tolist()
+    free = np.stack([exact_step(problem.rate, t)[0][:3] for t in since])
     for node in range(problem.nodes):
-        for t in np.append(np.arange(0.0, length, problem.step / 12), length).round(9):
-            time = node * problem.step + float(t)
-            lost = after(problem.rate, float(t), states[:, node], np.zeros(3))[:, :3]
-            met = place(problem, states, controls, time)
-            apart = np.linalg.norm(lost[:, None] - met, axis=2) - radii - radii[:, None]
-            each = [apart[~np.eye(n, dtype=bool)]]
-            for one in document.get("obstacles", []):
-                gaps = lost - obstacle_at(one, problem, time)
-                each.append(outside(gaps, axes_of(one)) - radii)
-            least = min(least, float(np.concatenate(each).min()))
+        times = [node * problem.step + t for t in since]
+        lost = np.einsum("tij,nj->tni", free, states[:, node])
+        met = np.stack([place(problem, states, controls, time) for time in times])
+        apart = np.linalg.norm(lost[:, :, None] - met[:, None], axis=-1) - radii - radii[:, None]
+        least = min(least, float(apart[:, ~np.eye(n, dtype=bool)].min(initial=np.inf)))
+        for one in document.get("obstacles", []):
+            there = np.stack([obstacle_at(one, problem, time) for time in times])
+            gaps = outside(lost - there[:, None], axes_of(one)) - radii
+            least = min(least, float(gaps.min()))
     return least
 
 

@@ -35,6 +35,8 @@ pytestmark = pytest.mark.untyped
 PROBLEM, ROUNDS = Problem(), find("refiner").config["rounds"]
 RADIUS = PROBLEM.collision_radius
 UNIT = RADIUS / PROBLEM.time_step**2
+DECIDING = tuple(f"pipeline/{part}" for part in ("networks", "orbit", "scenario", "*.py"))
+"""Modules that decide what is in the files: what the exporter calls."""
 RINGS, DENSE = [(2, 0), (4, 8), (10, 1), (10, 4)], [(5, 0), (5, 2)]
 SWARMS = [("rings", *one) for one in RINGS] + [("dense", *one) for one in DENSE]
 
@@ -53,7 +55,7 @@ def exported(model, pytestconfig):
 
     To trace them takes most of a minute.
     """
-    made = made_with(("pipeline",), ("onnx", "onnxruntime", "onnxscript", "torch"))
+    made = made_with(DECIDING, ("onnx", "onnxruntime", "onnxscript", "torch"))
     of = {"model": model.digest, "python": platform.python_version(), **made}
     folder = pytestconfig.cache.mkdir("craft")
     told = folder / "told.json"
