@@ -1,7 +1,7 @@
 """Experiment 2: collisions, safety, fuel and time against swarm size (Figures 4 to 7)."""
 
-from collections.abc import Mapping
-from itertools import chain
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, product
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -14,8 +14,19 @@ from matplotlib.ticker import MaxNLocator
 from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, Average, Panel
 from pipeline.experiments.records import FLOWN, PLAN, PREDICTED
-from pipeline.experiments.verdicts import ANY, Finding, Rules
-from pipeline.figures.labels import FEED_FORWARD, RECURRENT, in_order, is_network, name_of, number
+from pipeline.experiments.verdicts import Finding
+from pipeline.figures.intervals import mean_interval
+from pipeline.figures.labels import (
+    EXPERTS,
+    FEED_FORWARD,
+    RECURRENT,
+    in_order,
+    is_network,
+    is_of_paper,
+    name_of,
+    number,
+    span,
+)
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
 
@@ -123,59 +134,87 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
     return verdicts.network_findings(asked, trials, training, largest)
 
 
-FAMILIES: Rules = (
-    ((True, True, ANY), "Confirmed"),
-    ((True, ANY, True), "Contradicted"),
-    ((True, ANY, ANY), "Open: within the spread"),
-    ((False, True, ANY), "Open: one training of some, points to yes"),
-    ((False, ANY, True), "Open: one training of some, points to no"),
-    ((False, ANY, ANY), "Open: one training of some, no trend"),
-)
-"""By whether there are several trainings of each, feed-forward networks collide less, and more."""
-
-
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether feed-forward networks collide less than LSTMs, where both took part in one recipe."""
+    asked = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
+    families = FEED_FORWARD, RECURRENT
+    return _on_families(summary, asked, "node collisions", QUANTITIES["collisions"], families)
+
+
+def fuel_findings(summary: pd.DataFrame) -> list[Finding]:
+    """Likewise, whether LSTMs burn less than feed-forward networks, also at n = 10."""
+    asked = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
+    families, sizes = (RECURRENT, FEED_FORWARD), (paper.NETWORK_SIZE,)
+    return _on_families(summary, asked, "fuel", QUANTITIES["fuel"], families, sizes)
+
+
+def _on_families(
+    summary: pd.DataFrame,
+    asked: str,
+    name: str,
+    what: Quantity,
+    families: tuple[Iterable[str], Iterable[str]],
+    sizes: Sequence[int] = (),
+) -> list[Finding]:
+    """Whether an average is lower for the first family, in the largest swarm and of some sizes."""
     summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
-    for recipe in ("paper", "tuned", ""):
-        for reading in (PREDICTED, FLOWN):
-            rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
-            rows = rows[rows["n"] == rows["n"].max()]
-            forward, recurrent = (rows[rows["planner"].isin(f)] for f in (FEED_FORWARD, RECURRENT))
-            if not (forward.empty or recurrent.empty):
-                return [_on_families(summary, forward, recurrent)]
+    free = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[what.average.source]
+    for recipe, reading in product(("paper", "tuned", ""), (PREDICTED, FLOWN)):
+        rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
+        how = f"{recipe} recipe, " if recipe else ""
+        how += "as predicted" if reading == PREDICTED else "flown"
+        found = []
+        for n in sorted({*sizes, *rows["n"].nlargest(1)}):
+            said = verdicts.on_families(rows[rows["n"] == n], *families, what.average)
+            if said is None:
+                continue
+            verdict, numbers = said
+            quoted = [value for p, value in what.paper.get(n, {}).items() if is_network(p)]
+            if quoted:
+                numbers += f" (paper: {min(quoted)} at best against {max(quoted)} at worst)"
+            numbers = f"{name} at n = {n}, {how}: {numbers}"
+            beside = f"Decoupled optimum: {number(free[n])}" if n in free else ""
+            found.append(Finding(asked.format(n=n), verdict, numbers, beside))
+        if found:
+            return found
     return []
 
 
-def _on_families(summary: pd.DataFrame, forward: pd.DataFrame, recurrent: pd.DataFrame) -> Finding:
-    first = forward.iloc[0]
-    n, how = int(first["n"]), "as predicted" if first["reading"] == PREDICTED else "flown"
-    recipe = f", {first['recipe']} recipe" if first["recipe"] else ""
-    several = min(int(rows["seeds"].min()) for rows in (forward, recurrent)) > 1
-    less, more = _all_below(forward, recurrent), _all_below(recurrent, forward)
-    quoted = paper.COLLISIONS[paper.LARGEST_SIZE]
-    free = summary[(summary["planner"] == verdicts.DECOUPLED) & (summary["n"] == n)]
-    return Finding(
-        "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?",
-        verdicts.decide(FAMILIES, several, less, more),
-        f"node collisions at n = {n}{recipe}, {how}: {_listed(forward)} against "
-        f"{_listed(recurrent)} (paper: {quoted['ff1']} at best against {quoted['lstm1']} at worst)",
-        f"Decoupled optimum: {number(free[COLLISIONS.source].iloc[0])}" if len(free) else "",
-    )
+def time_findings(trials: pd.DataFrame) -> list[Finding]:
+    """Whether the time of the paper's networks grows less with n than the experts'.
 
+    Experts and networks were timed on the same scenarios of each n, so the ratios of their times
+    are compared between the smallest and the largest swarm, by geometric means.
+    """
+    timed = averages.sizes_of_paper(trials).dropna(subset=["seconds"])
+    flown = verdicts.flown_networks(timed)
+    networks = flown[flown["planner"].map(is_of_paper).astype(bool)]
+    experts = timed[timed["planner"].isin(EXPERTS)]
+    sizes = sorted(set(networks["n"]) & set(experts["n"]))
+    if len(sizes) < 2:
+        return []
+    ends = sizes[0], sizes[-1]
 
-def _all_below(these: pd.DataFrame, those: pd.DataFrame) -> bool:
-    """Whether all of these collide less than all of those, by more than the seeds' spread."""
-    worst = these.nlargest(1, COLLISIONS.source).iloc[0]
-    best = those.nsmallest(1, COLLISIONS.source).iloc[0]
-    noise = np.nanmax([0.0, worst[COLLISIONS.spread], best[COLLISIONS.spread]])
-    return bool(best[COLLISIONS.source] - worst[COLLISIONS.source] > noise)
+    def logs(rows: pd.DataFrame) -> pd.DataFrame:
+        """Of seconds: a row for each end, a column for each scenario."""
+        each = rows.assign(log=np.log(rows["seconds"].astype(float)))
+        return each.pivot_table("log", "n", "trial").reindex(ends)
 
-
-def _listed(rows: pd.DataFrame) -> str:
-    columns = rows[["planner", COLLISIONS.source, COLLISIONS.spread]]
-    return ", ".join(
-        f"{name_of(planner)} {number(mean)}" + ("" if pd.isna(spread) else f" ± {number(spread)}")
-        for planner, mean, spread in columns.itertuples(index=False)
-    )
+    ours = [logs(rows) for _, rows in networks.groupby(["planner", "recipe"])]
+    theirs = {str(name): logs(rows) for name, rows in experts.groupby("planner")}
+    differences = []
+    for mine, other in product(ours, theirs.values()):
+        small, large = (mean_interval(row[~np.isnan(row)]) for row in (mine - other).to_numpy())
+        differences.append((large[0] - small[1], large[1] - small[0]))
+    several = networks.groupby(["planner", "recipe"])["training_seed"].nunique().min() > 1
+    grown = [np.exp(np.diff(each.mean(axis=1)).item()) for each in (*ours, *theirs.values())]
+    of_experts = zip(theirs, grown[len(ours) :], strict=True)
+    return [
+        Finding(
+            "Does the networks' time to plan grow less with n than the expert's, as in the paper?",
+            verdicts.verdict_on_lower(bool(several), differences),
+            f"from n = {ends[0]} to n = {ends[1]}: networks {span(grown[: len(ours)])} times, "
+            + ", ".join(f"{name_of(p)} {number(value)}" for p, value in of_experts),
+        )
+    ]

@@ -1,6 +1,7 @@
 """Experiment 3: time of the expert and of a plain SCP from each seed (the paper's Figure 8)."""
 
 from collections.abc import Callable, Iterable, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import average
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, NO_SEED, OPTIMIZERS, PLAIN
-from pipeline.experiments.verdicts import ANY, Finding, Rules, decide
+from pipeline.experiments.verdicts import ANY, Finding, Rules, decide, verdict_on_lower
 from pipeline.figures import labels
 from pipeline.figures.intervals import mean_interval
 from pipeline.figures.labels import label_name, number, planner_of, ratio, share, span
@@ -183,6 +184,8 @@ def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], look: Mapping[str, St
     ax.tick_params(axis="y", length=0)
 
 
+LINE = "straight line"  # a seed
+
 PAPERS: Rules = (
     ((True, ANY, True), "Yes for the paper's kind of optimizer from a blank start"),
     ((True, True, ANY), "No for the paper's kind of optimizer"),
@@ -229,16 +232,65 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
     return rows
 
 
+def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
+    """What the paper says of its networks' seeds beside others, for the plain SCP.
+
+    How much times vary is their mean distance from the median of their seed (M. Brown, A. Forsythe,
+    "Robust tests for the equality of variances", Journal of the American Statistical Association
+    69, 1974). Seeds are compared on the same trials.
+    """
+    rows = _converged(warmstarts, PLAIN)
+    networks = rows[rows["seed"].map(planner_of).map(labels.is_of_paper).astype(bool)]
+    if networks.empty:
+        return []
+    several = bool(networks.groupby("seed")["training_seed"].nunique().min() > 1)
+    seconds = rows["seconds"].astype(float)
+    median = seconds.groupby([rows["seed"], rows["training_seed"]]).transform("median")
+    each = rows.assign(away=(seconds - median).abs(), log=np.log(seconds))
+    away, logs = (each.pivot_table(name, "trial", "seed") for name in ("away", "log"))
+    seeds = seeds_in_order(networks["seed"])
+    line = [(seed, LINE) for seed in seeds if LINE in away]
+    # FFcol's beside those of the other networks by its recipe
+    best = [
+        (seed, other)
+        for seed, other in product(seeds, seeds)
+        if planner_of(seed) == "ffcol" != planner_of(other)
+        and seed.removeprefix("ffcol") == other.removeprefix(planner_of(other))
+    ]
+    steady = "Do times vary less from networks' seeds than from the straight line, as in the paper?"
+    quick = "Is FFcol's the quickest seed of the networks', as in the paper?"
+    found = []
+    for asked, pairs, values, shown, name in (
+        (steady, line, away, away.mean(), "mean distance from the median"),
+        (quick, best, logs, np.exp(logs.mean()), "geometric mean"),
+    ):
+        if pairs:
+            lower = [mean_interval((values[a] - values[b]).dropna().to_numpy()) for a, b in pairs]
+            ours, others = (span(shown[list(set(side))]) for side in zip(*pairs, strict=True))
+            numbers = (
+                f"{NAMES[PLAIN]}, {name}: {ours} s against {others} s, "
+                f"{sum(high < 0 for _, high in lower)} of {len(pairs)} pairs lower beyond chance"
+            )
+            found.append(Finding(asked, verdict_on_lower(several, lower), numbers))
+    return found
+
+
 def _is_of(group: verdicts.Group, seeds: "pd.Index[str] | pd.Series[str]") -> Any:
     return seeds.map(planner_of).isin(group.planners)
 
 
 def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
-    """By seed, the ratio of times at one swarm size, until converged."""
-    rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
+    """By seed, the ratio of times of ``_converged``."""
+    rows = _converged(warmstarts, optimizer)
     if NO_SEED not in set(rows["seed"]):
         return pd.DataFrame(columns=["time_ratio", *ENDS])
-    return time_ratios(rows[rows["n"] == averages.reference_size(rows)]).set_index("seed")
+    return time_ratios(rows).set_index("seed")
+
+
+def _converged(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
+    """An optimizer's runs at one swarm size, until converged."""
+    rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
+    return rows if rows.empty else rows[rows["n"] == averages.reference_size(rows)]
 
 
 def _beside(optimizer: str, ratios: pd.DataFrame) -> str:

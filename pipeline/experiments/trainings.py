@@ -9,10 +9,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from pipeline.experiments import paper
+from pipeline.experiments import paper, verdicts
 from pipeline.experiments.averages import Average, average, over_trainings
+from pipeline.experiments.verdicts import Finding
 from pipeline.figures import labels
-from pipeline.figures.labels import REFINERS, architecture_of, count, in_order, name_of, number
+from pipeline.figures.labels import (
+    REFINERS,
+    architecture_of,
+    count,
+    in_order,
+    name_of,
+    number,
+    span,
+)
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -20,6 +29,8 @@ from pipeline.figures.tables import Column, Picture, Section, Table
 def _distinct(values: "pd.Series[Any]") -> str:
     return ", ".join(sorted(set(values.dropna().map(str)))) or "–"
 
+
+SECONDS = average("Time (s)", "seconds", number, spread=True)
 
 AVERAGES = (
     Average("Versions", "versions", over=lambda values: ", ".join(map(str, values))),
@@ -29,7 +40,7 @@ AVERAGES = (
     Average("Epochs", "epochs", count),
     Average("Best epoch", "best_epoch", count),
     average("Validation loss", "valid_loss", number, spread=True),
-    average("Time (s)", "seconds", number, spread=True),
+    SECONDS,
     Average("Device", "device", over=_distinct),
     Average("Threads", "threads", over=_distinct),
 )
@@ -110,3 +121,26 @@ def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
     losses = curves[["train_loss", "valid_loss"]].to_numpy(dtype=float)
     if (losses >= 0).all():
         fit_scale(ax, "y", losses.ravel(), log=True)
+
+
+def findings(training: pd.DataFrame) -> list[Finding]:
+    """Whether feed-forward networks train quicker than LSTMs by one recipe on like devices."""
+    timed = training.dropna(subset=["seconds"])
+    timed = timed[timed["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
+    for recipe in ("paper", "tuned", ""):
+        rows = timed[timed["recipe"].fillna("") == recipe]
+        if len(rows[["device", "threads"]].drop_duplicates()) != 1:
+            continue
+        frame = training_table(rows).frame.rename(columns={"arch": "planner"})
+        said = verdicts.on_families(frame, labels.FEED_FORWARD, labels.RECURRENT, SECONDS)
+        if said is None:
+            continue
+        verdict, numbers = said
+        quoted = " against ".join(
+            span(paper.TRAININGS.loc[list(family), "paper_seconds"])
+            for family in (labels.FEED_FORWARD, labels.RECURRENT)
+        )
+        how = f", {recipe} recipe" if recipe else ""
+        asked = "Do feed-forward networks train quicker than LSTMs, as in the paper?"
+        return [Finding(asked, verdict, f"seconds{how}: {numbers} (paper: {quoted})")]
+    return []

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, groupby
+from itertools import chain, groupby, product
 
+import numpy as np
 import pandas as pd
 from scipy import special
 
+from pipeline.experiments.averages import Average
 from pipeline.experiments.records import PREDICTED
 from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
@@ -177,6 +179,58 @@ def compare(
         safe_by_chance=float(chance),
         fuel=float(cost.mean()),
         fuel_interval=intervals.mean_interval(cost.to_numpy()),
+    )
+
+
+LOWER: Rules = (
+    ((True, True, ANY), "Confirmed"),
+    ((True, ANY, True), "Contradicted"),
+    ((True, ANY, MIXED), "Contradicted by some"),
+    ((True, ANY, ANY), "Open: within the spread"),
+    ((False, True, ANY), "Open: one training of some, points to yes"),
+    ((False, ANY, True), "Open: one training of some, points to no"),
+    ((False, ANY, MIXED), "Open: one training of some, some points to no"),
+    ((False, ANY, ANY), "Open: one training of some, no trend"),
+)
+"""By whether there are several trainings of each, all are lower than others, and all higher."""
+
+
+def verdict_on_lower(several: bool, differences: Iterable[Interval]) -> str:
+    """Whether some numbers are lower than others, as the paper says, by intervals of differences.
+
+    Where any difference is open, and where some are lower, higher ones are MIXED.
+    """
+    claims = {True if high < 0 else False if low > 0 else None for low, high in differences}
+    higher = MIXED if False in claims and len(claims) > 1 else False in claims
+    return decide(LOWER, several, claims == {True}, higher)
+
+
+def on_families(
+    rows: pd.DataFrame, lower: Iterable[str], others: Iterable[str], one: Average
+) -> tuple[str, str] | None:
+    """Verdict on an average being lower for some networks than for others, and the numbers of both.
+
+    Rows are those of one recipe in a summary; two networks differ where they do by more than the
+    spread of either's trainings. None where there are not both.
+    """
+    sides = [rows[rows["planner"].isin(family)] for family in (lower, others)]
+    if any(side.empty for side in sides):
+        return None
+    pairs = product(*(side[[one.source, one.spread]].to_numpy(dtype=float) for side in sides))
+    differences = []
+    for (mean, spread), (other, its_spread) in pairs:
+        noise = np.nanmax([0.0, spread, its_spread])
+        differences.append((mean - other - noise, mean - other + noise))
+    several = min(int(side["seeds"].min()) for side in sides) > 1
+    return verdict_on_lower(several, differences), " against ".join(_listed(s, one) for s in sides)
+
+
+def _listed(rows: pd.DataFrame, one: Average) -> str:
+    columns = rows[["planner", one.source, one.spread]]
+    return ", ".join(
+        f"{labels.name_of(planner)} {labels.number(mean)}"
+        + ("" if pd.isna(spread) else f" ± {labels.number(spread)}")
+        for planner, mean, spread in columns.itertuples(index=False)
     )
 
 

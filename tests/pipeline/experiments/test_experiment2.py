@@ -9,8 +9,10 @@ from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment2 import (
     QUANTITIES,
     family_findings,
+    fuel_findings,
     sizes_figure,
     sizes_tables,
+    time_findings,
 )
 from pipeline.figures.style import styles
 
@@ -75,8 +77,8 @@ def test_many_sizes_are_all_in_the_file_and_few_on_the_page(trials_at):
     assert {str(n) for n in range(2, 31)} <= set(table.frame.columns)
 
 
-def families(rows, forward, recurrent, seeds=2):
-    """Average collisions of ff1 and lstm1 by training, at n = 30 as predicted."""
+def families(rows, forward, recurrent, seeds=2, n=30):
+    """Average collisions, and fuel, of ff1 and lstm1 by training, as predicted."""
     return summarize(
         pd.DataFrame(
             [
@@ -84,7 +86,7 @@ def families(rows, forward, recurrent, seeds=2):
                 for planner, means in (("ff1", forward), ("lstm1", recurrent))
                 for seed, mean in enumerate(means[:seeds])
                 for row in rows(
-                    *(planner, "paper", "predicted", 30, [mean] * 2, [1.0] * 2, [None] * 2),
+                    *(planner, "paper", "predicted", n, [mean] * 2, [mean] * 2, [None] * 2),
                     training_seed=seed,
                 )
             ]
@@ -112,3 +114,67 @@ def test_with_one_training_nothing_is_confirmed(rows):
     assert answer.verdict == "Open: one training of some, points to yes"
     (answer,) = family_findings(families(rows, (9,), (4,)))
     assert answer.verdict == "Open: one training of some, points to no"
+
+
+@pytest.mark.parametrize(
+    ("forward", "recurrent", "verdict"),
+    [
+        ((9, 11), (4, 6), "Confirmed"),
+        ((9, 11), (20, 22), "Contradicted"),
+        ((9, 11), (4, 10), "Open: within the spread"),  # 7 ± 4.2 against 10 ± 1.4
+        ((4,), (9,), "Open: one training of some, points to no"),
+    ],
+)
+def test_lstms_burn_less_where_they_do_beyond_the_spread_of_their_trainings(
+    rows, forward, recurrent, verdict
+):
+    (answer,) = fuel_findings(families(rows, forward, recurrent))
+    assert answer.question == (
+        "Do LSTMs burn less fuel than feed-forward networks (n = 30), as in the paper?"
+    )
+    assert answer.verdict == verdict
+
+
+def test_fuel_by_family_stands_beside_the_papers_at_ten_and_in_the_largest_swarm(rows):
+    table = pd.concat(
+        [families(rows, (9, 11), (4, 6), n=10), families(rows, (9, 11), (20, 22), n=30)]
+    )
+    ten, thirty = fuel_findings(table)
+    assert (ten.verdict, thirty.verdict) == ("Confirmed", "Contradicted")
+    # the standard deviation of two that differ by 2 is √2
+    said = "fuel at n = 10, paper recipe, as predicted: LSTM1 5.00 ± 1.41 against FF1 10.0 ± 1.41"
+    assert ten.numbers == f"{said} (paper: 0.76 at best against 2.98 at worst)"
+    assert thirty.numbers.endswith("(paper: 2.24 at best against 5.71 at worst)")
+
+
+def timed(rows, networks, expert):
+    """Seconds of two networks of two trainings each, and of the expert, at n = 2, 10 and 30."""
+    return pd.DataFrame(
+        [
+            made | {"seconds": seconds * (1 + made["trial"])}  # some scenarios take longer
+            for planner, times in {**networks, "expert": expert}.items()
+            for n, seconds in zip((2, 10, 30), times, strict=True)
+            for seed in ((0,) if planner == "expert" else (0, 1))
+            for made in rows(
+                *(planner, "" if planner == "expert" else "paper"),
+                *("plan" if planner == "expert" else "flown", n),
+                *([0] * 4, [1.0] * 4, [True] * 4),
+                training_seed=seed,
+            )
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("lstm", "verdict"),
+    [((2, 3, 4), "Confirmed"), ((1, 5, 60), "Contradicted by some"), ((1, 1, np.nan), "Open")],
+)
+def test_the_growth_of_the_networks_time_with_n_is_held_against_the_experts(rows, lstm, verdict):
+    table = timed(rows, {"ff1": (1, 1, 3), "lstm1": lstm}, (1, 2, 40))
+    (answer,) = time_findings(table)
+    assert answer.verdict.startswith(verdict)
+    if verdict == "Confirmed":
+        assert answer.numbers == "from n = 2 to n = 30: networks 2.00 to 3.00 times, Expert 40.0"
+    (answer,) = time_findings(table[table["training_seed"] == 0])
+    assert answer.verdict.startswith("Open: one training of some")
+    assert time_findings(table[table["n"] == 10]) == []

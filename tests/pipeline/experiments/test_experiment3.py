@@ -10,6 +10,7 @@ from pipeline.experiments.experiment3 import (
 )
 from pipeline.experiments.experiment3 import (
     optimizers_figure,
+    paper_findings,
     summarize_warmstarts,
     warmstart_figure,
     warmstart_table,
@@ -192,3 +193,63 @@ def test_one_trial_proves_no_saving():
 def test_one_trial_has_a_ratio_without_an_interval(both):
     _, body = cells(warmstart_table(both[both["trial"] == 0], "plain", 10))
     assert next(r for r in body if r[0] == "FF1 tuned")[6] == "0.250"  # 1/4
+
+
+def around(seed, centre, widths, trainings=2):
+    """Runs of the plain SCP of which each takes as long as the centre plus or minus its width."""
+    signs = [(-1) ** k for k in range(12)]
+    return [
+        run | {"seconds": centre + signs[k] * widths[k]}
+        for training_seed in range(trainings)
+        for k, run in enumerate(starts("plain", seed, [centre] * 12, training_seed))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("lstm", "line", "trainings", "verdict"),
+    [
+        ([0.1] * 12, [0.3] * 12, 2, "Confirmed"),
+        ([0.2] * 12, [0.05] * 12, 2, "Contradicted"),
+        ([0.4] * 12, [0.3] * 12, 2, "Contradicted by some"),
+        ([0.01] * 6 + [0.39] * 6, [0.2] * 12, 2, "Open: within the spread"),  # 0.2 on average
+        ([0.1] * 12, [0.3] * 12, 1, "Open: one training of some, points to yes"),
+    ],
+)
+def test_how_much_times_vary_is_compared_with_the_straight_line_on_the_same_trials(
+    lstm, line, trainings, verdict
+):
+    runs = [
+        *around("ff1 tuned", 0.5, [0.1] * 12),
+        *around("lstm1 tuned", 0.5, lstm, trainings),
+        *around("straight line", 1.0, line, 1),
+    ]
+    (answer,) = paper_findings(pd.DataFrame(runs))
+    assert answer.question.startswith("Do times vary less from networks' seeds than from")
+    assert answer.verdict == verdict
+    if verdict == "Confirmed":
+        said = "Plain SCP, mean distance from the median: 0.100 s against 0.300 s"
+        assert answer.numbers == f"{said}, 2 of 2 pairs lower beyond chance"
+
+
+@pytest.mark.parametrize(
+    ("others", "verdict"),
+    [((0.4, 0.5), "Confirmed"), ((0.1, 0.2), "Contradicted"), ((0.1, 0.5), "Contradicted by some")],
+)
+def test_ffcols_seed_is_held_against_the_others_by_its_recipe(others, verdict):
+    runs = [
+        *around("ffcol paper", 0.3, [0.05] * 12),
+        *around("ff1 paper", others[0], [0.05] * 12),
+        *around("lstm1 paper", others[1], [0.05] * 12),
+        *around("ff1 tuned", 0.2, [0.05] * 12),
+    ]
+    (answer,) = paper_findings(pd.DataFrame(runs))
+    assert answer.question.startswith("Is FFcol's the quickest seed of the networks'")
+    assert answer.verdict == verdict
+    # of times that are half 0.35 s, half 0.25 s
+    assert f"geometric mean: {(0.35 * 0.25) ** 0.5:.3f} s against" in answer.numbers
+
+
+def test_without_the_plain_scp_the_papers_words_on_seeds_are_not_judged():
+    runs = warmstarts((0.2, 0.5), (1.3, 1.6))
+    assert paper_findings(runs[runs["optimizer"] == "expert"]) == []
+    assert paper_findings(no_rows("warmstarts")) == []

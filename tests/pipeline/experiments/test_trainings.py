@@ -1,13 +1,14 @@
 """The table of trainings."""
 
 import pandas as pd
+import pytest
 from planted import cells
 
 from pipeline.experiments import paper
 from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment1 import objectives_table
 from pipeline.experiments.experiment2 import sizes_tables
-from pipeline.experiments.trainings import training_table
+from pipeline.experiments.trainings import findings, training_table
 
 
 def test_training_times_stand_beside_the_papers(results):
@@ -40,3 +41,30 @@ def test_averages_over_training_seeds_show_their_spread(trials, results):
     header, body = cells(training_table(training))
     assert [r[header.index("Versions")] for r in body] == ["1, 2"] * 3
     assert [r[header.index("Time (s)")] for r in body] == ["12.5 ± 0"] * 3
+
+
+@pytest.mark.parametrize(
+    ("seconds", "verdict"),
+    [
+        (((10, 12), (20, 24)), "Confirmed"),
+        (((30, 32), (20, 24)), "Contradicted"),
+        (((10, 20), (18, 20)), "Open: within the spread"),  # 15 ± 7.1 against 19 ± 1.4
+        (((10,), (20, 24)), "Open: one training of some, points to yes"),
+    ],
+)
+def test_feed_forward_networks_train_quicker_where_they_do_beyond_the_spread(
+    results, seconds, verdict
+):
+    planted = results.training.set_index("arch")
+    table = pd.DataFrame(
+        [
+            {**planted.loc[arch], "arch": arch, "training_seed": seed, "seconds": taken}
+            for arch, times in zip(("ff1", "lstm1"), seconds, strict=True)
+            for seed, taken in enumerate(times)
+        ]
+    )
+    (answer,) = findings(table)
+    assert answer.verdict == verdict
+    assert answer.numbers.endswith("(paper: 25.1 to 264 against 207 to 1,291)")
+    table.loc[table["arch"] == "ff1", "threads"] = "8"
+    assert findings(table) == []
