@@ -144,7 +144,8 @@ def refuse_overwriting(source: Path, target: Path) -> None:
     refuse_special(target)
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
-            f"{target} is what is read; expected another name for what is made of it: give --out."
+            f"{target} is what is read, and would be written over; expected another name for what "
+            "is made of it: give --out."
         )
 
 

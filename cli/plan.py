@@ -173,7 +173,8 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
     # Some file systems take names for the same that differ in case, or in how accents are composed.
     if len({normalize("NFC", name.casefold()) for name in names}) < len(names):
         raise InputError(
-            "two scenario files have names that differ at most in case; expected different names."
+            "two scenario files have the same name, or names that differ in case alone; expected "
+            "different names."
         )
     if out.is_file():
         wanted = "a folder for several plans" if names[1:] else "a folder, or a name with .json"

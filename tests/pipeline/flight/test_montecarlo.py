@@ -204,7 +204,7 @@ def test_networks_are_told_apart_by_their_weights():
     model = load(FOLDER)
     other = deepcopy(model.network)
     next(other.parameters())[0] += 1e-3
-    networks = (model, replace(model, network=other), named_planner("refiner").network.model)
+    networks = (model, replace(model, network=other), named_planner("refiner").planner.model)
     one, changed, packaged = (identity(NetworkPlanner(network, "refiner")) for network in networks)
     assert one["model"]["digest"] == packaged["model"]["digest"] != changed["model"]["digest"]
     refiner = identity(named_planner("refiner"))
@@ -212,6 +212,7 @@ def test_networks_are_told_apart_by_their_weights():
     assert json.loads(json.dumps(refiner)) == refiner
 
 
+@pytest.mark.untyped  # whose code is no architecture
 def test_networks_of_others_are_told_apart_by_their_code(tmp_path, monkeypatch):
     (tmp_path / "their_networks.dist-info").mkdir()
     for name, text in {
