@@ -73,6 +73,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     or the scenario's ends are any, a state is not energy-matched (Eq. 3).
     """
     check_kind("scenario", scenario, Scenario)
+    check_kind("allow_drift", allow_drift, bool)
     allow_drift = allow_drift or scenario.ends == "any"
     for end, states, problem in _ends(scenario):
         close = _apart(scenario, end, states, problem)
