@@ -144,7 +144,7 @@ def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> 
         raise InputError(
             "a risk is asked for in closed loop, and the scenario says more of thrust than "
             "max_acceleration, or has waypoints, which corrections do not know; expected one of "
-            "the two: leave --closed-loop out, or these."
+            "the two: leave closed_loop out, or these."
         )
     if any(one.unlike for one in scenarios):
         raise InputError(
