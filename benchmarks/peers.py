@@ -35,9 +35,9 @@ def needed(module: str, package: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise InputError(
-            f"{package} is not installed; install it: pip install {package}."
-        ) from error
+        missing = isinstance(error, ModuleNotFoundError) and error.name == module
+        why = "is not installed" if missing else f"cannot be imported ({error})"
+        raise InputError(f"{package} {why}; install it: pip install {package}.") from error
 
 
 class SwarmModel:

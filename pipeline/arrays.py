@@ -4,10 +4,14 @@ Tests check the shapes. The functions let code run on both; who has a tensor has
 """
 
 import sys
+from dataclasses import fields
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+
+from pipeline.errors import check_kind
 
 __all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # of jaxtyping, for others to import here
 
@@ -33,19 +37,25 @@ def namespace(values: Any) -> Any:
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
-def fields_as_python(of: object) -> None:
-    """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them."""
-    for name, given in vars(of).items():
+def fields_as_python(of: Any) -> None:
+    """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them.
+
+    InputError for a flag that is no boolean, or a name that is no text.
+    """
+    for field in fields(of):
+        given = getattr(of, field.name)
         if (made := _as_python(given)) is not given:
-            object.__setattr__(of, name, made)
+            object.__setattr__(of, field.name, made)
+        if field.type in (bool, str):
+            check_kind(field.name, made, field.type)
 
 
 def _as_python(given: Any) -> Any:
-    if isinstance(given, float | int | str | None) and not isinstance(given, np.generic):
-        return given
     if isinstance(given, np.ndarray | np.generic):
         given = given.tolist()
-    return tuple(map(_as_python, given)) if isinstance(given, list | tuple) else given
+    if isinstance(given, list | tuple):
+        return tuple(map(_as_python, given))
+    return float(given) if isinstance(given, Real) and not isinstance(given, int) else given
 
 
 def plain(values: Any) -> Shaped[Array, "..."]:

@@ -59,13 +59,13 @@ def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
 def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
     """Refuse what is none of some words with an InputError that names what it is of."""
     known = list(choices)
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise InputError(f"{name} is {value!r}; expected {' or '.join(known)}.")
 
 
 def check_kind(name: str, value: object, kind: Any) -> None:
     """Refuse what is no instance of a class, or of a union of classes, by an InputError."""
-    if not isinstance(value, kind):
+    if isinstance(value, type) or not isinstance(value, kind):  # a class passes for a protocol
         names = (one.__name__ for one in getattr(kind, "__args__", (kind,)))
         wanted = " or ".join(names).replace("NoneType", "None")
         raise InputError(f"{name} is {brief(value)}; expected {wanted}.")

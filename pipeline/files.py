@@ -13,17 +13,28 @@ from typing import Any
 from uuid import uuid4
 
 from pipeline.errors import InputError, check_kind
-from pipeline.text import visible
+from pipeline.text import public_url, visible
 
 STDIO = Path("-")  # instead of a file: standard input or standard output
 # Names of files that are not finished yet: that of the file, and one of its own
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # with which a URL begins; not a drive's letter
 
 
 def path_of(given: str | os.PathLike[str]) -> Path:
     """Convert text or a path to a Path; InputError for anything else."""
     check_kind("path", given, str | os.PathLike)
+    if "\0" in os.fspath(given):
+        raise InputError(f"path is {given!r}; expected one without a null character.")
     return Path(given)
+
+
+def refuse_url(path: Path) -> None:
+    """Raise InputError for a URL, which as a path is a folder named by its scheme."""
+    scheme, *rest = path.parts or ("",)
+    if _SCHEME.fullmatch(scheme):
+        url = public_url(f"{scheme}//{'/'.join(rest)}")
+        raise InputError(f"{url} is a URL; expected a path on this machine.")
 
 
 def unfinished(path: Path) -> Path | None:
@@ -33,7 +44,8 @@ def unfinished(path: Path) -> Path | None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it; InputError where one of them is a file."""
+    """Make a folder and those above it; InputError where one of them is a file, or for a URL."""
+    refuse_url(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -57,7 +69,8 @@ def _named(name: object) -> Iterator[None]:
 
 
 def refuse_special(path: Path) -> None:
-    """Raise InputError for a pipe, a socket or a device, which no file may take the place of."""
+    """Raise InputError for a pipe, a socket, a device or a URL, where no file can be written."""
+    refuse_url(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError(
             f"{path} is a pipe, a socket or a device; expected the name of a file, or, where the "
@@ -145,6 +158,7 @@ def read_bytes(path: Path, most: int) -> bytes:
         if sys.stdin is None:
             raise InputError("stdin is closed; expected content in it: name a file instead of -.")
         return sys.stdin.buffer.read(most)
+    refuse_url(path)
     with path.open("rb") as file:
         return file.read(most)
 

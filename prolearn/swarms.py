@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
+import numpy as np
 from pydantic_core import to_jsonable_python
 
 from pipeline.arrays import Array
@@ -54,8 +55,8 @@ class Ring(TypedDict):
 
 
 def scenario(
-    initial: Sequence[Ring] | Sequence[Sequence[float]] | Array,
-    goal: Sequence[Ring] | Sequence[Sequence[float]] | Array,
+    initial: Ring | Sequence[Ring] | Sequence[Sequence[float]] | Array,
+    goal: Ring | Sequence[Ring] | Sequence[Sequence[float]] | Array,
     *,
     altitude: float | None = None,
     orbit: ReferenceOrbit | None = None,
@@ -75,7 +76,7 @@ def scenario(
     """A scenario from rings or states (m, m/s, LVLH) at either end.
 
     Args:
-        initial: rings, whose craft follow on, or a row x y z vx vy vz for each craft.
+        initial: a ring, or several, whose craft follow on, or a row x y z vx vy vz for each craft.
         goal: likewise, of the same craft in the same order.
         altitude: of the circular reference orbit, m; by default 500 km.
         orbit: instead, one that is no circle or has perturbations.
@@ -91,7 +92,7 @@ def scenario(
         corridors: boxes and approach cones that craft stay inside of for some time.
         waypoints: places that craft must pass on their way.
         reference: where and when the orbit is, for ephemerides and for flights about the Earth.
-        name: in files and tables.
+        name: in tables and figures; of a file that is read, the file's name.
 
     Raises:
         InputError: naming the field that is missing or wrong.
@@ -157,7 +158,7 @@ def scenario_from_files(
         j2: whether the Earth is oblate.
         ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
         spread: by what share of it the first craft has less, and the last more.
-        name: in files and tables.
+        name: in tables and figures; of a file that is read, the file's name.
 
     Raises:
         InputError: naming the file, and what is wrong with it.
@@ -180,6 +181,14 @@ def scenario_from_files(
 
 def _end(given: Any) -> Any:
     """Rings or states as in a file, without numpy's arrays and numbers."""
-    plain = to_jsonable_python(given, fallback=lambda one: getattr(one, "tolist", one.__repr__)())
+    lone = isinstance(given, Mapping) and "rings" not in given
+    plain = to_jsonable_python([given] if lone else given, fallback=_listed)
     rings = isinstance(plain, list) and any(isinstance(one, Mapping) for one in plain)
     return {"rings": plain} if rings else plain
+
+
+def _listed(given: Any) -> Any:
+    """What is no JSON as lists and numbers if it is an array, or else as text."""
+    if not hasattr(given, "tolist") and hasattr(given, "__array__"):  # such as a DataFrame
+        given = np.asarray(given)
+    return getattr(given, "tolist", given.__repr__)()

@@ -26,7 +26,7 @@ from pipeline.tradeoff import Point, knee_of, tradeoff_figure
 from prolearn.flying import MonteCarlo
 
 STEPS = 24  # points drawn in each interval
-HEIGHT = 900  # of a page in a notebook, pixels
+HEIGHT = 980  # of a page in a notebook, pixels: 700 wide, its bar covers nothing of the motion
 DPI = 120  # of a figure in a notebook
 
 
@@ -149,8 +149,8 @@ def convert(
             ``reference``.
         path: of the file or folder.
         mass: of the craft at the first node, kg, one for all or one for each; for burns, basilisk
-            and opm, which needs it.
-        specific_impulse: of their thrusters, s, likewise; for burns and opm.
+            and opm.
+        specific_impulse: of their thrusters, s, likewise; for burns and opm, which needs both.
 
     Raises:
         InputError: for a plan that cannot be written so, or masses that are not used.

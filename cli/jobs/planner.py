@@ -37,6 +37,7 @@ def planner_of(
     """
     check_kind("planner", name, str)
     check_kind("requirements", requirements, Requirements)
+    check_kind("raw", raw, bool)
     check_choice("assignment", assignment, ("given", "optimal"))
     if effort is not None:
         check_choice("effort", effort, EFFORTS)

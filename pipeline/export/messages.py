@@ -166,7 +166,7 @@ def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None)
         what = "masses of the craft are" if masses is None else "specific impulse is"
         raise InputError(
             f"the {what} not known, and a manoeuvre in an OPM says what mass it takes; expected "
-            "mass (kg) and specific_impulse (s), as in --mass 12 --specific-impulse 220."
+            "mass (kg) and specific_impulse (s), such as 12 and 220."
         )
     held, burns, scenario = masses, burns_of(plan, masses), plan.scenario
     origin, frame = reference_frames(scenario, np.zeros(scenario.n))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from pipeline.arrays import fields_as_python
 from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
@@ -30,6 +31,7 @@ class Conditions:
     spread: float = 0.1
 
     def __post_init__(self) -> None:
+        fields_as_python(self)
         check_elements(self)
 
     def about(self, reference: Reference) -> "Conditions":

@@ -147,7 +147,7 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
         return
     how, instead = "in open loop", "no replanning, or a plan without a risk"
     if risk.feedback is not None:
-        how, instead = "with feedback", "feedback: --replan feedback"
+        how, instead = "with feedback", "feedback as replan"
     raise InputError(
         f"the plan was asked for a risk of at most {risk.asked:g} {how}, which planning anew does "
         f"not keep; expected {instead}."

@@ -77,6 +77,7 @@ class Cone:
         fields_as_python(self)
         check_vector("apex of a cone", self.apex)
         check_vector("axis of a cone", self.axis)
+        check_finite("half_angle_deg of a cone", self.half_angle_deg, "degrees")
         if not 0 < self.half_angle_deg <= STEEPEST or not any(self.axis):
             raise InputError(
                 f"a cone has the axis {self.axis} and a half-angle of {self.half_angle_deg:g} deg; "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float, fields_as_python
-from pipeline.errors import InputError, check_range
+from pipeline.errors import InputError, check_finite, check_kind, check_range
 from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
 from pipeline.orbit.bezier import norm
@@ -37,7 +37,10 @@ def check_drag(
 ) -> None:
     """Refuse drag out of range; ``names`` are those of both values in the message."""
     check_range(names[1], spread, 0.0, 1.0)
-    if ballistic is not None and not 0 < ballistic <= MOST_BALLISTIC:
+    if ballistic is None:
+        return
+    check_finite(names[0], ballistic, "m²/kg")
+    if not 0 < ballistic <= MOST_BALLISTIC:
         raise InputError(
             f"{names[0]} is {ballistic:g}; expected a positive C_D A/m in m²/kg, such as 0.01, "
             f"of at most {MOST_BALLISTIC:g}."
@@ -69,6 +72,7 @@ class ReferenceOrbit:
     def __post_init__(self) -> None:
         fields_as_python(self)
         check_elements(self)
+        check_kind("semi_major_axis", self.semi_major_axis, float | int)
         perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
         if not LOWEST <= perigee <= HIGHEST:
             raise InputError(

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, fields_as_python
-from pipeline.errors import InputError, check_choice, check_range
+from pipeline.errors import InputError, check_choice, check_each, check_range, check_vector
 from pipeline.orbit.arrays import OfCraft, Rows
 
 COMPONENTS, NORM = "components", "norm"
@@ -21,8 +21,11 @@ Direction = tuple[float, float, float]
 
 
 def check_windows(no_burn: Windows) -> None:
-    """Refuse stretches of time that end before they begin, with an InputError."""
-    for begin, end in no_burn:
+    """Refuse what is no stretch of time, or ends before it begins, with an InputError."""
+    check_each("no_burn", no_burn, tuple)
+    for k, stretch in enumerate(no_burn):
+        check_vector(f"no_burn[{k}]", stretch, 2)
+        begin, end = stretch
         if not 0 <= begin < end:
             raise InputError(
                 f"no_burn has {begin:g} to {end:g} s; expected 0 or more, and then a later time, "
@@ -55,7 +58,7 @@ class Thrust:
 
     def __post_init__(self) -> None:
         fields_as_python(self)
-        if not isinstance(self.model, str):
+        if isinstance(self.model, tuple):
             check_directions(self.model)
         elif self.model not in (COMPONENTS, NORM):
             raise InputError(
@@ -88,7 +91,9 @@ def check_directions(directions: tuple[Direction, ...]) -> None:
     """Refuse thrusters that do not push all ways, or are no unit vectors, with an InputError."""
     from scipy.spatial import ConvexHull, QhullError  # slow to import, and few thrusters need it
 
-    given = np.array(directions, dtype=float)
+    for k, one in enumerate(directions):
+        check_vector(f"thrust[{k}]", one)
+    given = np.array(directions)
     if not 4 <= len(given) <= MOST_DIRECTIONS:
         raise InputError(
             f"thrust has {len(given)} directions; expected 4 to {MOST_DIRECTIONS}, or components "

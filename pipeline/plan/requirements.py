@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_kind, check_range, is_number
 from pipeline.orbit.covariance import MOST, Uncertainty
 from pipeline.orbit.problem import Problem
@@ -46,6 +47,7 @@ class RiskLimit:
     errors: Uncertainty | None = None
 
     def __post_init__(self) -> None:
+        fields_as_python(self)
         if not (is_number(self.asked) and LEAST <= self.asked < 1):
             raise InputError(
                 f"risk is {_said(self.asked)}; expected a probability of at least {LEAST:g} and "
@@ -94,6 +96,7 @@ class Requirements:
     risk: RiskLimit | None = None
 
     def __post_init__(self) -> None:
+        fields_as_python(self)
         if self.separation not in get_args(Separation):
             raise InputError(
                 f"separation is {self.separation!r}; expected continuous or nodes, to keep craft "
@@ -141,7 +144,7 @@ def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> 
         raise InputError(
             "a risk is asked for in closed loop, and the scenario says more of thrust than "
             "max_acceleration, or has waypoints, which corrections do not know; expected one of "
-            "the two: leave --closed-loop out, or these."
+            "the two: leave closed_loop out, or these."
         )
     if any(one.unlike for one in scenarios):
         raise InputError(

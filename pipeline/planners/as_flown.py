@@ -73,7 +73,7 @@ class AsFlown(PlannerWrapper):
             raise InputError(
                 "craft have radii of their own, or there are obstacles, and separation is asked "
                 "for at the nodes only of a plan as flown; expected it at all times with these: "
-                "leave --world out, or those."
+                "leave world out, or those."
             )
         return replace(scenario, problem=scenario.problem.about(orbit))
 

@@ -45,8 +45,8 @@ def named_planner(
         return network if raw else with_expert(network, effort)
     if raw:
         raise InputError(
-            f"--raw is given and the planner is {name}, after which there is no expert; expected "
-            "a network: leave --raw out."
+            f"raw is given and the planner is {name}, after which there is no expert; expected "
+            "a network: leave raw out."
         )
     if name == EXPERT:
         return Expert(EFFORTS[effort or "default"], requirements=requirements)
@@ -71,6 +71,6 @@ def refuse_effort(effort: str | None) -> None:
     """Refuse an effort with an InputError where the expert has no part."""
     if effort is not None:
         raise InputError(
-            f"--effort is {effort} and the expert has no part in the plan; expected it with the "
-            "expert, or with a model and without --raw: leave --effort out."
+            f"effort is {effort} and the expert has no part in the plan; expected it with the "
+            "expert, or with a model and without raw: leave effort out."
         )

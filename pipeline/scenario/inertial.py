@@ -64,7 +64,7 @@ class Inertial:
         elif epoch is None:
             raise InputError(
                 f"{self.name} has states over time; expected to know when the first node is: give "
-                "--epoch."
+                "its epoch."
             )
         else:
             found = np.array([one.state_at(epoch, seconds) for one in self.craft])

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_choice, check_each, check_kind
+from pipeline.errors import InputError, check_choice, check_each, check_kind, is_number
 from pipeline.orbit.approaches import SwarmPartition, side_by_side
 from pipeline.orbit.arrays import OfCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
@@ -43,7 +43,7 @@ class Scenario:
         initial: states at the first node, (n, 6), m and m/s, LVLH; lists become arrays.
         goal: states at the last node, (n, 6).
         family: the family it was drawn from, or "custom".
-        name: in files and tables.
+        name: in tables and figures; of a file that is read, the file's name.
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
         ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
         craft: of each craft what it has of its own; empty where all are alike.
@@ -190,10 +190,13 @@ class Scenario:
 def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
     """Copy of the states at an end as a float array; InputError if malformed or out of range."""
     try:
-        if isinstance(given, np.ndarray) and given.dtype.kind == "c":
-            raise TypeError("they are complex")
-        states = np.array(given, dtype=float)  # the caller's array may change
-    except (TypeError, ValueError) as error:
+        found = np.asanyarray(given)
+        numbers = found.dtype.kind in "iuf"
+        if not numbers and not (found.dtype.kind == "O" and all(map(is_number, found.flat))):
+            raise TypeError(f"they are {found.dtype.name}")
+        # A copy, since the caller's array may change; what is masked counts as missing
+        states = np.asarray(np.ma.filled(found.astype(float), np.nan))
+    except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(
             f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "
             "and m/s for each spacecraft."

@@ -73,6 +73,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     or the scenario's ends are any, a state is not energy-matched (Eq. 3).
     """
     check_kind("scenario", scenario, Scenario)
+    check_kind("allow_drift", allow_drift, bool)
     allow_drift = allow_drift or scenario.ends == "any"
     for end, states, problem in _ends(scenario):
         close = _apart(scenario, end, states, problem)
@@ -274,6 +275,6 @@ def _linear(scenario: Scenario) -> Diagnostic:
         f"{found.curvature:.2g} m since craft are up to {found.reach:.3g} m from the origin, "
         f"{found.oblateness:.2g} m by J2 over {turns:.3g} orbits"
     )
-    cure = "plan with --world; or stay nearer to the origin, or take less time"
+    cure = "plan as flown, with world; or stay nearer to the origin, or take less time"
     cases = (Case((), text, vars(found)),)
     return Diagnostic(LINEAR, "transfer", f"{off}: more than collision_radius", cases, cure)

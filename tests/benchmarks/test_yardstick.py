@@ -216,6 +216,12 @@ def test_the_judge_refuses_controls_that_do_not_arrive():
     assert judged(scenario, 0.9 * controls).safe(15.0) == (False, False)
 
 
-def test_a_peer_that_is_missing_says_what_to_install():
+def test_a_peer_that_is_missing_or_broken_says_so_and_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^nothing==1 is not installed; .*pip install nothing==1"):
         needed("no_such_module", "nothing==1")
+    (tmp_path / "a_broken_peer.py").write_text("import no_such_module")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(
+        InputError, match=r"^peer==1 cannot be imported \(.*'no_such_module'\); ins"
+    ):
+        needed("a_broken_peer", "peer==1")

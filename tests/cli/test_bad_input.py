@@ -113,6 +113,18 @@ CASES = {
             ["show", "plan.json", "--out", "foreign/file/p.html"],
         )
     },
+    **{
+        f"a URL, by {command[0]} {command[1]}": (command, f"prolearn: {command[-1]}")
+        for command in (
+            ["scenario", "new", "memory://x/s.json"],
+            ["plan", "good.json", "--out", "s3://bucket/p.json"],
+            ["plan", "--out", "p.json", "s3://bucket/s.json"],
+            ["tradeoff", "good.json", "--duration", "20..22min", "--out", "gs://b"],
+            ["fly", "plan.json", "--trials", "2", "--out", "s3://b/flown"],
+            ["convert", "plan.json", "--to", "csv", "--out", "s3://b/p.csv"],
+            ["show", "plan.json", "--out", "https://x.org/p.html"],
+        )
+    },
     "a folder for a plan": (["show", "."], ". cannot be read"),
     "no scenario to trade off": (["tradeoff", "none.json", "--duration", "1..2h"], "none.json"),
     "an unknown assignment": (

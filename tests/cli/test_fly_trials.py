@@ -194,7 +194,7 @@ def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn
     assert told["risk"]["feedback"]["delta_v"] > 0
     refused = prolearn("fly", "plan.json", *REPLANNED)
     assert refused.returncode == 2
-    assert "expected feedback: --replan feedback" in refused.stderr
+    assert "expected feedback as replan" in refused.stderr
     flown = prolearn("fly", "plan.json", "--trials", "100", "--replan", "feedback", "--json")
     open_loop, feedback = json.loads(flown.stdout)["loops"]
     assert (open_loop["loop"], feedback["loop"]) == ("open loop", "feedback")

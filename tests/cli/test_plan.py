@@ -121,10 +121,10 @@ def test_a_file_without_a_suffix_is_no_name_of_a_plan(prolearn, tmp_path):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--planner", "decoupled-optimum", "--effort", "best"), "--effort is best"),
-        (("--planner", "lstm1", "--raw", "--effort", "first"), "--effort is first"),
-        (("--planner", "expert", "--raw"), "--raw is given"),
-        (("--planner", "straight-line", "--raw"), "--raw is given"),
+        (("--planner", "decoupled-optimum", "--effort", "best"), "effort is best"),
+        (("--planner", "lstm1", "--raw", "--effort", "first"), "effort is first"),
+        (("--planner", "expert", "--raw"), "raw is given"),
+        (("--planner", "straight-line", "--raw"), "raw is given"),
     ],
     ids=" ".join,
 )

@@ -1,6 +1,7 @@
 import os
 import stat
 from contextlib import contextmanager
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 from rights import read_only
 
 from pipeline.errors import InputError
-from pipeline.files import published, refuse_unwritable, write_text
+from pipeline.files import make_folder, published, read_bytes, refuse_unwritable, write_text
 from pipeline.storage.folder import open_folder
 
 
@@ -89,3 +90,25 @@ def test_where_a_file_can_be_written_is_known_before_and_nothing_is_made(tmp_pat
             with pytest.raises(PermissionError, match=name):
                 refuse_unwritable(tmp_path / name)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "use",
+    [make_folder, refuse_unwritable, lambda path: write_text(path, ""), lambda p: read_bytes(p, 1)],
+)
+def test_a_url_is_no_path_and_is_named_as_it_was_given_without_its_secrets(
+    use, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for url, shown in (
+        ("s3://bucket/plan.json", "s3://bucket/plan.json"),
+        ("git+HTTPS://x.org/a", "git+HTTPS://x.org/a"),
+        ("s3://KEY:SECRET@bucket/plan.json", "s3://bucket/plan.json"),
+    ):
+        with pytest.raises(InputError) as refused:
+            use(Path(url))
+        assert str(refused.value) == f"{shown} is a URL; expected a path on this machine."
+    assert list(tmp_path.iterdir()) == []
+    make_folder(Path("a:b/c:"))
+    write_text(tmp_path / "s3:" / "plan.json", "here")
+    assert (tmp_path / "a:b" / "c:").is_dir() and Path(tmp_path, "s3:", "plan.json").is_file()

@@ -4,11 +4,16 @@ import json
 import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
+from decimal import Decimal
+from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import matplotlib
 import numpy as np
+import pandas as pd
 import pytest
+import torch
 from judge import judge_plan
 
 import prolearn
@@ -103,6 +108,70 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.read_plan(None), "path is None; expected str or PathLike"),
         (lambda: prolearn.read_dataset(5, 3), "path is 5; expected str or PathLike"),
         (lambda: prolearn.scenario_from_files(5, "b"), "path is 5; expected str or PathLike"),
+        (lambda: prolearn.read_plan("a\0b"), r"path is 'a\\x00b'; expected one without a null"),
+        *(
+            (partial(kind, no_burn=no_burn), words)
+            for kind in (prolearn.Thrust, prolearn.Spacecraft)
+            for no_burn, words in (
+                (None, "no_burn is None; expected a list"),
+                ((300, 500), r"no_burn is \(300, 500\); expected a list"),
+                ([(0, 9), (1, 2, 3)], r"no_burn\[1\] is \(1, 2, 3\); expected 2 finite numbers"),
+                ([("300", "500")], r"no_burn\[0\] is .*; expected 2 finite numbers"),
+                ([(1000, float("inf"))], r"no_burn\[0\] is \(1000, inf\); expected 2 finite numb"),
+            )
+        ),
+        (lambda: prolearn.Thrust(None), "thrust is None; expected components, norm or a list"),
+        (lambda: prolearn.Thrust([*AXES, (1, 0)]), r"thrust\[6\] is \(1, 0\); expected 3 finite"),
+        (lambda: prolearn.Thrust([("1", 0, 0)] * 4), r"thrust\[0\] is .*; expected 3 finite"),
+        (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), "30"), "half_angle_deg of a cone is '30'"),
+        (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), None), "half_angle_deg of a cone is None"),
+        (lambda: prolearn.Conditions(ballistic="0.02"), "ballistic is '0.02'; expected a finite"),
+        (
+            lambda: prolearn.ReferenceOrbit(7e6, ballistic="x"),
+            "ballistic is 'x'; expected a finite",
+        ),
+        (lambda: prolearn.ReferenceOrbit(None), "semi_major_axis is None; expected float or int"),
+        (lambda: prolearn.draw(["rings"], 0, 4, 0, prolearn.Problem()), "family is .'rings'.; exp"),
+        (
+            lambda: prolearn.draw(np.array(["rings"]), 0, 4, 0, prolearn.Problem()),
+            "family is array.*; expected rings or",
+        ),
+        (
+            lambda: prolearn.Problem(time_step=Decimal(120)),
+            "time_step is Decimal.*; expected a num",
+        ),
+        (
+            lambda: prolearn.plan(swap(), prolearn.Planner),
+            "planner is <class .*; expected str or Pl",
+        ),
+        (lambda: prolearn.Conditions(j2="no"), "j2 is 'no'; expected bool"),
+        (lambda: prolearn.ReferenceOrbit(7e6, j2=0), "j2 is 0; expected bool"),
+        (
+            lambda: prolearn.Obstacle("o", (0,) * 6, 3, hold="false"),
+            "hold is 'false'; expected bool",
+        ),
+        (
+            lambda: prolearn.RiskLimit(1e-3, 0.1, closed_loop="no"),
+            "closed_loop is 'no'; expected b",
+        ),
+        (lambda: prolearn.plan(swap(), "refiner", raw="no"), "raw is 'no'; expected bool"),
+        (lambda: prolearn.plan(swap(), allow_drift="no"), "allow_drift is 'no'; expected bool"),
+        (lambda: prolearn.Spacecraft(name=5), "name is 5; expected str"),
+        (lambda: prolearn.Obstacle(5, (0,) * 6, 3), "name is 5; expected str"),
+        (lambda: replace(swap(), goal=swap().goal.astype(str)), "goal is no array .*they are str"),
+        (
+            lambda: replace(swap(), goal=swap().goal.astype(str).tolist()),
+            "goal is no array of numb",
+        ),
+        (lambda: replace(swap(), goal=np.zeros((6, 6), "m8[s]")), "they are timedelta64"),
+        (
+            lambda: replace(swap(), goal=np.array([["1"] * 6], object)),
+            "goal is no array of numbers",
+        ),
+        (
+            lambda: replace(swap(), goal=np.ma.masked_equal(swap().goal, swap().goal[4, 1])),
+            r"goal\[4\] has a value that is not a finite number",
+        ),
     ],
 )
 def test_values_of_another_kind_or_shape_are_refused_in_a_sentence(wrong, words):
@@ -162,6 +231,24 @@ def test_an_epoch_of_another_zone_is_that_moment_in_utc(plan, tmp_path):
     assert prolearn.read_scenario(tmp_path / "placed.json").reference == placed.reference
 
 
+def test_what_is_asked_with_numpys_numbers_and_flags_is_written_and_compared(tmp_path):
+    plan = prolearn.plan(swap(), "straight-line", passive_safety=np.float32(0.5))
+    prolearn.write_plan(tmp_path / "plan.json", plan)
+    assert prolearn.read_plan(tmp_path / "plan.json").certificate.passive_safety.orbits == 0.5
+    for made in (
+        lambda number, flag: prolearn.RiskLimit(number(0.5), number(2), closed_loop=flag(1)),
+        lambda number, flag: prolearn.Requirements("continuous", number(0.5)),
+        lambda number, flag: prolearn.Conditions(number(0.5), number(30), j2=flag(0)),
+        lambda number, flag: prolearn.Problem(time_step=number(120)),
+    ):
+        python = made(float, bool)
+        kinds = [type(value) for value in vars(python).values()]
+        for number in (np.float32, np.longdouble, Fraction):
+            other = made(number, np.bool_)
+            assert other == python and hash(other) == hash(python)
+            assert [type(value) for value in vars(other).values()] == kinds
+
+
 def test_thrust_may_be_made_of_lists():
     lists = prolearn.Thrust([*map(list, AXES)], no_burn=[[100, 200]])
     assert lists == prolearn.Thrust(tuple(AXES), no_burn=((100, 200),))
@@ -189,12 +276,23 @@ def test_a_scenario_of_rings_is_that_of_a_file_with_the_same_rings(tmp_path):
 
 def test_a_scenario_of_states_takes_arrays_and_lists_and_numpys_numbers():
     rings = swap()
-    for kind in (np.array, np.ndarray.tolist, list):
+    for kind in (np.array, np.ndarray.tolist, list, pd.DataFrame, torch.tensor):
         of_states = prolearn.scenario(
             kind(rings.initial), kind(rings.goal), nodes=np.int64(11), altitude=np.float64(500e3)
         )
         assert (of_states.initial == rings.initial).all()
         assert of_states.problem == rings.problem
+        by_class = prolearn.Scenario(rings.problem, kind(rings.initial), kind(rings.goal))
+        assert (by_class.goal == rings.goal).all() and type(by_class.goal) is np.ndarray
+
+
+def test_one_ring_needs_no_list_and_its_fields_are_named():
+    alone, listed = prolearn.scenario(OUTER, INNER), prolearn.scenario([OUTER], [INNER])
+    assert (alone.initial == listed.initial).all() and (alone.goal == listed.goal).all()
+    as_in_files = prolearn.scenario({"rings": [OUTER]}, {"rings": [INNER]})
+    assert (as_in_files.initial == listed.initial).all()
+    with pytest.raises(InputError, match=r"initial\.rings\[0\]\.siez is not a field"):
+        prolearn.scenario({"craft": 2, "siez": 3.0}, INNER)
 
 
 @pytest.mark.parametrize(

@@ -195,7 +195,7 @@ def test_a_limit_that_leaves_corrections_no_room_is_named():
 def test_what_corrections_do_not_know_is_refused():
     scenario = draw("rings", 0, 3, 0, PROBLEM, "valid")
     pointed = replace(scenario, problem=replace(PROBLEM, thrust=Thrust("norm")))
-    with pytest.raises(InputError, match="leave --closed-loop out"):
+    with pytest.raises(InputError, match="leave closed_loop out"):
         solve(pointed, requirements=closed(1e-3))
 
 

@@ -220,7 +220,7 @@ def test_states_that_do_not_go_together_are_refused(tmp_path):
 def test_ephemerides_without_the_first_node_s_time_are_refused(handed_over, tmp_path):
     _, folder, _ = handed_over
     table = write_csv(tmp_path / "t.csv", ELEMENTS, [CHIEF] * 3)
-    with pytest.raises(InputError, match=r"has states over time; .* give --epoch"):
+    with pytest.raises(InputError, match=r"has states over time; .* give its epoch"):
         scenario_from_inertial(table, read_inertial(folder), Problem())
 
 

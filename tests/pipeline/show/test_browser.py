@@ -20,6 +20,7 @@ from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show import write_page
 from prolearn import Ring
+from prolearn.views import HEIGHT
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 FLAGS = (
@@ -74,9 +75,9 @@ def browser(tmp_path_factory):
 def opened(browser, tmp_path):
     """Open the page of a plan; at the end nothing has gone wrong and nothing was asked for."""
 
-    def shown(plan, name="plan.json", width=1400, theme="light"):
+    def shown(plan, name="plan.json", width=1400, theme="light", height=900):
         media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         write_page(tmp_path / "page.html", plan, name)
@@ -166,6 +167,16 @@ def test_the_slider_and_play_move_thirty_craft_to_where_they_are(browser, opened
     browser.execute_async_script(PRESS_AT, 3)
     assert 0 < time_shown(browser) < 1200
     assert by(browser, "#play").text == "Play"
+
+
+def test_in_a_notebook_of_the_docs_the_bar_covers_nothing_of_the_motion(browser, opened):
+    opened(solve(draw("rings", 0, 6, 0, Problem())), width=700, height=HEIGHT)
+    edge = "return document.querySelector(arguments[0]).getBoundingClientRect()[arguments[1]]"
+    note, bar, below = (
+        browser.execute_script(edge, *of)
+        for of in ((".look .note", "bottom"), (".transport", "top"), (".transport", "bottom"))
+    )
+    assert note < bar < below == HEIGHT
 
 
 def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, opened):
