@@ -413,7 +413,8 @@ class RiskSettings:
         if self.asked is None:
             raise InputError(
                 f"--{next(iter(given)).replace('_', '-')} is given without --risk; expected the "
-                "probability that craft may come too close with it, such as --risk 1e-3."
+                "probability that craft may come too close, and their errors, such as --risk 1e-3 "
+                "--navigation-sigma 0.2."
             )
         if self.errors is not None:
             from pipeline.flight.errors import PRESETS

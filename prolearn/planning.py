@@ -69,7 +69,7 @@ def conditions_about(scenario: Scenario, given: Conditions | None) -> Conditions
     if given is not None and scenario.problem.orbit is not None:
         raise InputError(
             "there are conditions and the scenario has an orbit of its own; expected one of them: "
-            "leave the conditions out, or, to plan for that orbit, give world=True."
+            "leave the conditions out (to plan, world=True is for that orbit)."
         )
     return conditions_of(scenario, given)
 

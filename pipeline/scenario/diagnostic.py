@@ -23,15 +23,6 @@ class Diagnostic:
     cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
     cure: str = ""  # what to do about them
 
-    @classmethod
-    def of(
-        cls, rule: str, end: str, cases: Sequence[Case], wrong: str, cure: str, fine: str
-    ) -> "Diagnostic":
-        """What is wrong, the number of faults, and the cure; or, without any, that all is fine."""
-        if not cases:
-            return cls(rule, end, fine)
-        return cls(rule, end, f"{wrong}: {len(cases)}", tuple(cases), cure)
-
     @property
     def fine(self) -> bool:
         """Whether nothing is wrong."""
@@ -41,3 +32,12 @@ class Diagnostic:
         lines = [f"{self.end}, {self.rule}: {'fine' if self.fine else 'WRONG'}: {self.text}"]
         lines += [f"    {case.text}" for case in self.cases]
         return "\n".join(lines + [f"    to mend it, {self.cure}"] * bool(self.cure))
+
+
+def diagnostic_of(
+    rule: str, end: str, cases: Sequence[Case], wrong: str, cure: str, fine: str
+) -> Diagnostic:
+    """What is wrong, the number of faults, and the cure; or, without any, that all is fine."""
+    if not cases:
+        return Diagnostic(rule, end, fine)
+    return Diagnostic(rule, end, f"{wrong}: {len(cases)}", tuple(cases), cure)

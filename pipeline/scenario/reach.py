@@ -11,7 +11,7 @@ from pipeline.orbit.decoupled import least_cost, least_limits, least_limits_with
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
 from pipeline.scenario.arrivals import arrivals_of
-from pipeline.scenario.diagnostic import Case, Diagnostic
+from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import of_craft
 
@@ -41,7 +41,7 @@ def reachable(scenario: Scenario) -> Diagnostic:
     found = list(_faults(scenario, limits, needs))
     cases, cures = [case for case, _ in found], dict.fromkeys(cure for _, cure in found)
     wrong, fine = "needs of thrust or Δv that are not met", "" if cases else _most_strained(needs)
-    return Diagnostic.of(REACHABLE, "transfer", cases, wrong, "; or ".join(cures), fine)
+    return diagnostic_of(REACHABLE, "transfer", cases, wrong, "; or ".join(cures), fine)
 
 
 def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
@@ -60,7 +60,7 @@ def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
     cure = f"raise max_acceleration, or {TIME}" if np.isfinite(least[short]).any() else TIME
     worst = short[least[short].argsort(kind="stable")[::-1]].tolist()
     cases = [_out_of_reach(k, float(least[k]), limit) for k in worst]
-    return Diagnostic.of(REACHABLE, "transfer", cases, wrong, cure, fine)
+    return diagnostic_of(REACHABLE, "transfer", cases, wrong, cure, fine)
 
 
 def _out_of_reach(k: int, least: float, limit: float) -> Case:

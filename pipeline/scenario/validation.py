@@ -15,7 +15,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch, secular_drift
 from pipeline.orbit.separation import least_separations
 from pipeline.orbit.transfer import free_drift
-from pipeline.scenario.diagnostic import Case, Diagnostic
+from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.reach import reachable
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import closest_pair
@@ -56,7 +56,7 @@ def _inside(scenario: Scenario) -> Diagnostic:
     wrong = "ends outside of corridors that count then"
     cure = "move them, widen the corridor or let it begin later or end earlier"
     fine = "both ends are inside of their corridors"
-    return Diagnostic.of(INSIDE, "transfer", cases, wrong, cure, fine)
+    return diagnostic_of(INSIDE, "transfer", cases, wrong, cure, fine)
 
 
 def _ends(scenario: Scenario) -> Iterator[tuple[str, Formation, Problem]]:
@@ -147,7 +147,7 @@ def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) ->
         k = int(apart.argmin())
         pair = scenario.named(int(i[k]), int(j[k]))
         fine = f"the closest, {pair}, are {distance[k]:.4g} m apart"
-    return Diagnostic.of(APART, end, cases, wrong, cure, fine)
+    return diagnostic_of(APART, end, cases, wrong, cure, fine)
 
 
 def _at(scenario: Scenario, end: str, i: int, j: int) -> str:
@@ -191,7 +191,7 @@ def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = Fal
     wrong = f"craft that drift along-track by more than {allowed:.2g} m an orbit"
     cure = f"give them that vy, or {DRIFTING}"
     fine = f"no craft drifts along-track by more than {size.max():.3f} m an orbit"
-    return Diagnostic.of(MATCHED, end, cases, wrong, cure, fine)
+    return diagnostic_of(MATCHED, end, cases, wrong, cure, fine)
 
 
 def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
