@@ -84,16 +84,19 @@ def read_inertial(path: Path) -> Inertial:
     Craft of a folder are in the order of the files' names, numbers in these by their value.
     InputErrors name the file and what is wrong with it.
     """
-    files = [path]
     if path.is_dir():
         files = sorted(path.glob("*.oem"), key=_by_number)
-    elif not (text := _text(path)).lstrip().startswith(FIRST_LINE):
-        return Inertial(str(path), TABLE_FRAME, _table(text, str(path)))
-    if not 1 <= len(files) <= MOST_CRAFT:
-        raise InputError(
-            f"{path} has {len(files)} files whose names end in .oem; expected 1 to {MOST_CRAFT}."
-        )
-    found = [ephemeris_from(_text(file), str(file)) for file in files]
+        if not 1 <= len(files) <= MOST_CRAFT:
+            raise InputError(
+                f"{path} has {len(files)} files whose names end in .oem; expected 1 to "
+                f"{MOST_CRAFT}."
+            )
+        found = [ephemeris_from(_text(file), str(file)) for file in files]
+    else:
+        text = _text(path)  # once, since a pipe or standard input cannot be read again
+        if not text.lstrip().startswith(FIRST_LINE):
+            return Inertial(str(path), TABLE_FRAME, _table(text, str(path)))
+        found = [ephemeris_from(text, str(path))]
     check_frames(found)
     return Inertial(str(path), found[0].frame, tuple(found))
 

@@ -1,8 +1,10 @@
 """Scenarios from inertial states: plans handed over and back, and states by brahe."""
 
 import json
+import os
 from dataclasses import replace
 from datetime import UTC, datetime
+from threading import Thread
 
 import brahe
 import numpy as np
@@ -255,6 +257,17 @@ def test_bad_tables_are_refused_one_by_one(tmp_path):
     for path, words in (("b", "cannot be read"), ("none.csv", "cannot be read"), (".", "0 files")):
         with pytest.raises(InputError, match=words):
             read_inertial(tmp_path / path)
+
+
+def test_an_ephemeris_is_read_from_a_pipe_too(handed_over, tmp_path):
+    _, folder, _ = handed_over
+    file = sorted(folder.glob("*.oem"))[0]
+    os.mkfifo(tmp_path / "pipe")
+    writer = Thread(target=(tmp_path / "pipe").write_bytes, args=(file.read_bytes(),))
+    writer.start()
+    piped = read_inertial(tmp_path / "pipe")
+    writer.join()
+    assert piped.states(EPOCH, 0.0) == pytest.approx(read_inertial(file).states(EPOCH, 0.0))
 
 
 def test_files_are_in_the_order_of_their_numbers(handed_over, tmp_path):
