@@ -72,7 +72,7 @@ def unit(scenario: Scenario) -> float:
 
 
 def row(n: int, count: int, patience: float) -> Mapping[str, object]:
-    """The same by a process of its own; where that ended, it says after how long."""
+    """The row of ``grown``, by a process of its own; where that ended, it says after how long."""
     with limited_process(patience) as pool:
         try:
             return pool.submit(grown, n, count).result()

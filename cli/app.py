@@ -28,8 +28,10 @@ class Terminated(KeyboardInterrupt):
 
 
 AGAIN_SECONDS = 0.05  # after so long an interrupt that a callback has swallowed is raised again
-TYPED = "prolearn.typed"  # key in a command's context of the words, and options' values, typed
-USAGE: Any = typer.BadParameter.__base__  # of arguments that a command lacks, which it quotes
+# Key in a command's context of what was typed: its words, and the values of its options
+TYPED = "prolearn.typed"
+# Typer's error for arguments that a command does not have; its message quotes them
+USAGE: Any = typer.BadParameter.__base__
 CONTROL_GROUP = Path("/sys/fs/cgroup")  # where a container says what it may take
 
 

@@ -216,12 +216,12 @@ def verify(
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
-    if not as_json:
-        echo(*(f"{fault.path}: {fault.what}" for fault in faults), err=True)
     if as_json:
         counted = {} if mend else {"rows": rows}
         print_json({"folder": where, "repaired": mend, "faults": faults, **counted})
-    elif not faults:
+        raise typer.Exit(int(bool(left)))
+    echo(*(f"{fault.path}: {fault.what}" for fault in faults), err=True)
+    if not faults:
         echo(f"{where} is sound: {rows} rows.")
     elif not left:
         echo(f"{where} is mended: {many}.")

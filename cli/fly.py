@@ -119,8 +119,9 @@ def _fly_trials(
     errors = errors_of(settings.errors, settings.error or [])
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        of = plan, conditions, errors, folder, settings
-        loops = fly_trials(*of, workers=workers, progress=shown)
+        loops = fly_trials(
+            plan, conditions, errors, folder, settings, workers=workers, progress=shown
+        )
     required = plan.requirements if settings.replan == "every-node" else None
     if as_json:
         about = {"plan": str(path), "folder": str(folder)}
@@ -128,7 +129,8 @@ def _fly_trials(
         print_json({**about, "loops": told, "requirements": required})
         return
     print_trials(loops, plan.scenario.problem.collision_radius, settings.size)
-    note(*(() if required is None else _kept(required)))
+    if required is not None:
+        note(*_kept(required))
     if errors.lost > 0:
         note(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pipeline.parallel.workers import Workers
 
 MOST_LISTED = 10_000  # numbers that a list on the command line may stand for
-GREATEST_LISTED = 2**32 - 1  # of them
+GREATEST_LISTED = 2**32 - 1  # largest number in such a list
 OPTION = "option"  # in the metadata of a dataclass's field: the option that it becomes
 
 P = ParamSpec("P")
@@ -71,7 +71,10 @@ def given_options(context: typer.Context) -> dict[str, str]:
 
 
 def refuse(context: typer.Context, names: Collection[str] | type, reason: str) -> None:
-    """Refuse parameters, or fields of a dataclass, that would have no effect; with the reason."""
+    """Raise InputError for the first parameter given of some that would have no effect.
+
+    They are named, or are the fields of a dataclass; the reason says why, and what to do.
+    """
     if isinstance(names, type):
         names = [field.name for field in fields(names)]
     for name, option in given_options(context).items():

@@ -52,7 +52,8 @@ DRAWN = ("family", "n", "seed", "index", "split")  # options of a draw
 OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
 DRAG = ("ballistic", "spread")  # which only orbits of inertial states are given
 SHAPE = ("eccentricity", "argument_of_perigee_deg")
-NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)  # what these have no use for
+# Options that inertial states have no use for
+NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
 
 
 @app.command()

@@ -364,7 +364,10 @@ class OrbitPlace:
         return Conditions(**given, j2=not self.no_j2).sized(R_EARTH + altitude)
 
     def fields(self, orbit: "ReferenceOrbit | None") -> dict[str, Any]:
-        """What is known of the place, as in a file; of an orbit, its osculating angles."""
+        """Epoch and angles, as far as known, as a file's ``reference``; an orbit's are osculating.
+
+        Of an orbit without an epoch there are none.
+        """
         if orbit is not None and self.epoch is None:
             return {}
         known = {"epoch": self.epoch, **{k: getattr(orbit or self, k) for k in ANGLES}}

@@ -1,6 +1,6 @@
 """Array types for shape annotations, ``Float[Array, "n T 6"]``, and functions for numpy and torch.
 
-Tests check the shapes. The functions let code run on both; who has a tensor has imported torch.
+Tests check the shapes. The functions let code run on both; they find torch already imported.
 """
 
 import sys

@@ -62,7 +62,10 @@ def _checksum(fields: Mapping[str, Any]) -> str:
 
 
 def read_document(path: Path, kind: type[Document], what: str) -> Document:
-    """The document of a kind in a file, or stdin for -; InputErrors say ``what`` is expected."""
+    """The document of a kind in a file, or in standard input for -.
+
+    InputErrors name the field that is missing or wrong, and ``what`` is expected.
+    """
     try:
         content = read_bytes(path, MOST_BYTES + 1).removeprefix(BOM_UTF8)
     except OSError as error:

@@ -21,8 +21,10 @@ DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 
 @cache
 def made_with(parts: tuple[str, ...], packages: tuple[str, ...]) -> Mapping[str, str]:
-    """Versions of our code, by patterns such as ``pipeline/orbit``, and of distributions."""
-    # The number of our release does not say whether files were changed, so a digest goes with it.
+    """Versions by name of our code, by patterns such as ``pipeline/orbit``, and of packages.
+
+    A digest of the code goes with our version, which does not say whether files were changed.
+    """
     found = {"prolearn": f"{version('prolearn')}+code.{code_digest(parts)}"}
     return found | {name: version_of(name) for name in packages}
 

@@ -19,11 +19,11 @@ NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows
 
 @contextmanager
 def held_lock_file(folder: Path, prefix: str, *, keep_on_error: bool = False) -> Iterator[str]:
-    """Hold a lock file ``<prefix><token>.lock`` for the block, and remove it; yields the name.
+    """Hold a lock file ``<prefix><token>.lock`` of its own for the block, and remove it after.
 
-    Where there can be no lock, there is none, and nobody takes this process for dead. With
-    ``keep_on_error`` the file stays, unlocked, where the block raises: the next ``clear_dead`` then
-    does what the block may have left undone.
+    Yields the name without ``.lock``. Where there can be no lock, there is none, and nobody takes
+    this process for dead. With ``keep_on_error`` the file stays, unlocked, where the block raises:
+    the next ``clear_dead`` then does what the block may have left undone.
     """
     name = f"{prefix}{uuid4().hex}"
     path = folder / f"{name}{SUFFIX}"
@@ -46,7 +46,7 @@ def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
     """Clear away what dead processes of this user left, and then their lock files.
 
     ``clear`` is given the name that ``held_lock_file`` gave; where it raises OSError the lock file
-    stays for the next time. Another process that does the same finds it held, or nothing to do.
+    stays for the next time. Another process that does the same finds the lock held, or no file.
     """
     fits = re.compile(rf"{re.escape(prefix)}.{{{TOKEN}}}{re.escape(SUFFIX)}").fullmatch
     with suppress(OSError):

@@ -188,7 +188,7 @@ def _end(given: Any) -> Any:
 
 
 def _listed(given: Any) -> Any:
-    """What is no JSON as lists and numbers if it is an array, or else as text."""
+    """A value that is not JSON: an array as lists and numbers, anything else as text."""
     if not hasattr(given, "tolist") and hasattr(given, "__array__"):  # such as a DataFrame
         given = np.asarray(given)
     return getattr(given, "tolist", given.__repr__)()

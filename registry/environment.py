@@ -13,8 +13,8 @@ from pipeline.networks.recipes import code_of_others, distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
-LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")  # what registered models need
-MADE_WITH = "made_with"  # tag with the versions, ours and others', that decide a run, as JSON
+LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")  # packages that load models
+MADE_WITH = "made_with"  # tag: the versions of code and packages that decide a run's results, JSON
 
 TRAINED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "networks", "training")),

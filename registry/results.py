@@ -78,7 +78,7 @@ def record(
     """Record the results of an experiment, a table with a row for each trial; the run's id.
 
     The content of the folder ``files`` goes with it; the dataset is folder and digest of that
-    whose test split was used.
+    whose test split was used. ``made_by`` is the code that decides the results.
     """
     content = {TABLE: table_bytes(table)}
     for path in files.glob("*.npz") if files else ():

@@ -304,7 +304,8 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
     Migrations of a fresh file collide when several processes start them at once. Without ``create``
-    a file beside which no lock can be made is read without.
+    a file beside which no lock can be made is read without. InputError where the file is missing
+    and not to be made, or is no store of MLflow.
     """
     if not path.exists():
         if not create:

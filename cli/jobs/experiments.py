@@ -71,8 +71,9 @@ class HeldOut:
     ) -> Done:
         """Run and record an experiment; with ``resume``, go on with an earlier run, or return it.
 
-        ``params`` are parameters beside the settings. ``make`` makes the table, a row for each
-        trial. ``kind`` names settings that tell kinds of the experiment's runs apart.
+        ``params`` are parameters beside the settings. ``make`` is given a folder for the run's
+        files and the parts that are finished, and makes the table, a row for each trial. ``kind``
+        names settings that tell kinds of the experiment's runs apart.
         """
         weights = [network.model.digest for network in self.networks]
         params = {
@@ -104,7 +105,7 @@ def held_out(
 ) -> HeldOut:
     """The test scenarios of an experiment, of all sizes by default, and its networks.
 
-    InputError for models or sizes that cannot take part.
+    Networks are those of ``networks``. InputError for models or sizes that cannot take part.
     """
     data, trials = settings.data, settings.trials
     if trials is not None:
@@ -123,7 +124,7 @@ def held_out(
 
 
 def check_device(name: str | None, workers: Workers | None) -> None:
-    """Refuse a torch device that workers of this machine would not have."""
+    """Raise InputError for a torch device that workers of this machine would not have."""
     if name is not None and (workers is None or workers.scheduler is None):
         torch_device(name)
 

@@ -49,7 +49,7 @@ def export(
     n: int | None = None,
     flown: bool = False,
 ) -> tuple[Exported | ExportedCraft, Path]:
-    """Export a registered model or the packaged refiner (None) as ONNX, with its card beside it.
+    """Export a registered model or the packaged refiner (None) as ONNX; the path is its card's.
 
     A refiner becomes a folder of files, and takes neither n nor ``flown``. Other files are for n
     craft, by default any number that the architecture answers for; ``flown`` projects predictions

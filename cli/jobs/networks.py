@@ -27,12 +27,12 @@ class EvaluatedNetwork:
 
     @property
     def planner(self) -> NetworkPlanner:
-        """It as a planner, whose plans can be flown."""
+        """The network as a planner, whose plans can be flown."""
         return NetworkPlanner(self.model, self.name)
 
     @property
     def evaluated(self) -> EvaluatedPlanner:
-        """It flown and as predicted, for workers, who need not know of MLflow."""
+        """The network flown and as predicted, for workers, which need no MLflow."""
         of = self.version
         return EvaluatedPlanner(self.planner, of.recipe, of.training_seed, self.model)
 
@@ -44,7 +44,7 @@ class EvaluatedNetwork:
 def networks(
     references: Sequence[str], data: Where, arch: str = "", device: str | None = None
 ) -> list[EvaluatedNetwork]:
-    """Networks by reference; without any, the newest trained on some data, of one architecture.
+    """Networks by reference, or the newest trained on some data, of one architecture if given.
 
     Refiners plan on a torch device if given. InputError for a reference that is no model, a model
     of another orbit or time grid than the data's, or a device and no refiner.

@@ -50,7 +50,7 @@ def planner_of(
             from registry.models import load
 
             model, version = load(name)
-            # After MLflow, which is in the extra that has all of it.
+            # Imported last: where MLflow is missing, the message names the extra that has both.
             from pipeline.planners.network import NetworkPlanner
 
             network = NetworkPlanner(model, f"{version.arch}/{version.version}", requirements)

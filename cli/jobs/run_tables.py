@@ -37,7 +37,7 @@ COMPARED = {
     "dynamics_error": columns.DYNAMICS,
     "seconds": columns.SECONDS,
 }
-ERRORS = (columns.BOUNDARY, columns.DYNAMICS)  # of predictions alone; of flown plans, rounding
+ERRORS = (columns.BOUNDARY, columns.DYNAMICS)  # of predictions; those of flown plans are rounding
 
 KINDS: Mapping[str, tuple[str, Callable[[pd.DataFrame], pd.DataFrame]]] = {
     EVALUATION: ("trials", summarize),

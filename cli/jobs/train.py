@@ -91,7 +91,10 @@ def _mixed(version: ModelVersion, recipe: Recipe, buffer: int) -> str:
 def train_model(
     arch: str, seed: int, settings: TrainingSettings, progress: Progress = SILENT
 ) -> tuple[ModelVersion, Contest]:
-    """Train a network, register the model, and compare it with the champion."""
+    """Train a network, register the model, and compare it with the champion.
+
+    ProlearnError where the loss diverges or the tracking store fails.
+    """
     asked = training.AskedTraining.of(arch, seed, settings)
     data = asked.examples(progress)
     connect()  # a store that is away is better known before training than after

@@ -72,14 +72,14 @@ class FinishedTraining:
     trained: Trained
     instances: tuple[int, int]  # of training and of validation
     error: float  # of positions on validation data, m
-    # flown on validation scenarios, columns of Trial; none of a search
+    # flown on validation scenarios, columns of Trial; empty in a search
     trials: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
 def train_in_worker(
     made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining, _: None
 ) -> FinishedTraining:
-    """In a worker: a training."""
+    """Train in a worker; ProlearnError where its versions or data are not those of the request."""
     _check(made_by, expected, asked)
     return train_and_fly(asked, asked.examples())
 
@@ -87,7 +87,7 @@ def train_in_worker(
 def train_trial(
     made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining, data: Sources | None
 ) -> FinishedTraining | None:
-    """In a worker: the training of a trial, which is not flown; None where the loss diverges."""
+    """Train a trial of a search in a worker, without flying it; None where the loss diverges."""
     _check(made_by, expected, asked)
     given = data or asked.examples()
     try:
@@ -99,7 +99,7 @@ def train_trial(
 
 
 def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining) -> None:
-    """In a worker: refuse other versions or data than those that the work was asked for."""
+    """Raise ProlearnError in a worker whose versions or data are not those of the request."""
     check_worker(expected, made_by)
     data = asked.settings.data
     if read_manifest(data).digest(asked.settings.n) != asked.digest:
@@ -113,14 +113,19 @@ def train_and_fly(
     asked: AskedTraining, data: Sources, progress: Progress = SILENT
 ) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
-    finished, how = _trained(asked, data, progress), asked.settings
-    return replace(finished, trials=validation_trials(finished.trained.model, how.data, how.n))
+    finished = _trained(asked, data, progress)
+    how, model = asked.settings, finished.trained.model
+    return replace(finished, trials=validation_trials(model, how.data, how.n))
 
 
 def _trained(asked: AskedTraining, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
-    (learn, valid), device = data, asked.settings.device
-    of = asked.arch, asked.recipe, learn, valid
-    trained = train(*of, seed=asked.seed, device=device, progress=progress)
+    learn, valid = data
+    trained = train(
+        *(asked.arch, asked.recipe, learn, valid),
+        seed=asked.seed,
+        device=asked.settings.device,
+        progress=progress,
+    )
     error = position_rmse(trained.model, valid)
     return FinishedTraining(trained, (len(learn), len(valid)), error)
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from optuna import Study
 
 STORAGE = "optuna.db"
-OBJECTIVES = (POSITION_RMSE, "best_valid_loss")  # that an architecture may ask a search to lessen
+OBJECTIVES = (POSITION_RMSE, "best_valid_loss")  # metrics that a search may minimize
 PARENT = "mlflow_run_id"  # under this name a study remembers its MLflow run
 
 

@@ -248,8 +248,8 @@ def _contents(
     return list(files), pa.concat_tables(tables).to_pandas()
 
 
+# A task of a worker: its number, and consecutive solved shards with their digests
 Piece = tuple[int, list[tuple[Shard, str]]]
-"""A number, and consecutive solved shards with their digests: a task of a worker."""
 
 
 def _pieces(manifest: Manifest, shards: Sequence[Shard]) -> list[Piece]:
@@ -261,8 +261,9 @@ def _pieces(manifest: Manifest, shards: Sequence[Shard]) -> list[Piece]:
 
 
 def _read(folder: Folder, piece: Piece) -> list[bytes]:
+    _, shards = piece
     found = []
-    for shard, _ in piece[1]:
+    for shard, _ in shards:
         with naming(shard, str(folder)):
             found.append(read_content(folder, shard.solved))
     return found
@@ -270,8 +271,9 @@ def _read(folder: Folder, piece: Piece) -> list[bytes]:
 
 def _summarized(folder: str, piece: Piece, content: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
     """In a worker: sizes and the columns SUMMARIZED of each shard of a piece."""
+    _, shards = piece
     found = []
-    for (shard, digest), one in zip(piece[1], content, strict=True):
+    for (shard, digest), one in zip(shards, content, strict=True):
         with naming(shard, folder):  # one in memory at a time
             rows = decode_solved(one, shard, digest)
         found.append((File(shard, rows.num_rows, len(one), rows.nbytes), rows.select(SUMMARIZED)))
@@ -399,6 +401,7 @@ def ranges(numbers: Sequence[int]) -> str:
     >>> ranges([2, 3, 4, 10, 60])
     '2 to 4, 10, 60'
     """
+    # Along a run of consecutive numbers, number less place stays the same.
     groups = groupby(enumerate(numbers), key=lambda at: at[1] - at[0])
     runs = [[number for _, number in group] for _, group in groups]
     return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

@@ -111,7 +111,7 @@ def _row_checks(
 def _infeasible_checks(
     rows: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[tuple[str, Rows]]:
-    """Whether it is proven that there is no plan; that takes no search where it is."""
+    """Whether rows are proven to be infeasible, which for those that are takes no search."""
     try:
         ends = [stacked(rows, end, n, 6) for end in ("initial", "goal")]
     except ValueError:  # a fault of the scenarios
@@ -139,6 +139,7 @@ def _judged(
 
     Nothing, NaN and infinite where the row is not finite, or a craft has no optimum.
     """
+    kept = requirements.separation
     wrong: list[dict[str, str]] = [{} for _ in states]
     apart, least = np.full(len(states), np.nan), np.full(len(states), np.inf)
     finite = [np.isfinite(part).all(axis=(1, 2, 3)) for part in (states, controls, ends)]
@@ -148,13 +149,13 @@ def _judged(
         flown, burned = np.concatenate(states[some]), np.concatenate(controls[some])
         found = certify(scenarios, flown, burned, [(0.0, "")] * len(some), requirements)
         for scenario, k, certificate in zip(scenarios, some.tolist(), found, strict=True):
-            kept, parts = requirements.separation, (states[k], controls[k], certificate)
-            wrong[k] = violations(Plan(scenario, "", SOLVED, *parts, separation=kept))
+            plan = Plan(scenario, "", SOLVED, states[k], controls[k], certificate, separation=kept)
+            wrong[k] = violations(plan)
             closest = certificate.min_separation
             apart[k] = np.nan if closest is None else closest
         initial, goal = np.concatenate(ends[some]).swapaxes(0, 1)
         optima = decoupled_optima(initial, goal, problem)
-        has, alone = optima.feasible.reshape(len(some), -1), optima.controls
-        fuels = fuel(alone.reshape(len(some), -1, *alone.shape[1:]))
-        least[some] = np.where(has.all(axis=1), fuels, np.inf)
+        feasible = optima.feasible.reshape(len(some), -1).all(axis=1)
+        fuels = fuel(optima.controls.reshape(len(some), -1, *optima.controls.shape[1:]))
+        least[some] = np.where(feasible, fuels, np.inf)
     return wrong, apart, least

@@ -219,7 +219,8 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
     timings = check.kind == "timings"
     if check.digest is None and not timings:
         return Fault(name, CUT_SHORT)
-    right, table = check.digest in (None, shards.digest_of(content)), None
+    right = check.digest in (None, shards.digest_of(content))
+    table = None
     try:
         table = shards.decode(content, shard.most)
         other = _mismatch(table, check, shard)
@@ -232,7 +233,8 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
         return Fault(name, what, sound=bool(other) and stands_alone(content))
     if right:
         return Fault(name, other)
-    # Of this solved shard, by another run, and undamaged: not every byte has a checksum.
+    # Timings of this solved shard that another run wrote are undamaged if they are encoded to the
+    # same bytes, not all of which have a checksum.
     again = not other and check.solved is not None and shards.encode(table) == content
     return Fault(name, TIMED_AGAIN if again else f"does not have the digest that {TIMED} gives it")
 

@@ -142,7 +142,7 @@ def family_findings(summary: pd.DataFrame) -> list[Finding]:
 
 
 def fuel_findings(summary: pd.DataFrame) -> list[Finding]:
-    """Likewise, whether LSTMs burn less than feed-forward networks, also at n = 10."""
+    """Whether LSTMs burn less than feed-forward networks, in the largest swarm and at n = 10."""
     asked = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
     families, sizes = (RECURRENT, FEED_FORWARD), (paper.NETWORK_SIZE,)
     return _on_families(summary, asked, "fuel", QUANTITIES["fuel"], families, sizes)
@@ -156,7 +156,7 @@ def _on_families(
     families: tuple[Iterable[str], Iterable[str]],
     sizes: Sequence[int] = (),
 ) -> list[Finding]:
-    """Whether an average is lower for the first family, in the largest swarm and of some sizes."""
+    """Whether an average is lower for the first family, in the largest swarm and at some sizes."""
     summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     free = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[what.average.source]
@@ -197,9 +197,13 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
     ends = sizes[0], sizes[-1]
 
     def logs(rows: pd.DataFrame) -> pd.DataFrame:
-        """Of seconds: a row for each end, a column for each scenario."""
+        """Logarithms of seconds: a row for each of both n, a column for each scenario."""
         each = rows.assign(log=np.log(rows["seconds"].astype(float)))
         return each.pivot_table("log", "n", "trial").reindex(ends)
+
+    def growth(of: pd.DataFrame) -> float:
+        """Ratio of the geometric mean times at both n, of their logarithms."""
+        return float(np.exp(np.diff(of.mean(axis=1)).item()))
 
     ours = [logs(rows) for _, rows in networks.groupby(["planner", "recipe"])]
     theirs = {str(name): logs(rows) for name, rows in experts.groupby("planner")}
@@ -208,13 +212,12 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
         small, large = (mean_interval(row[~np.isnan(row)]) for row in (mine - other).to_numpy())
         differences.append((large[0] - small[1], large[1] - small[0]))
     several = networks.groupby(["planner", "recipe"])["training_seed"].nunique().min() > 1
-    grown = [np.exp(np.diff(each.mean(axis=1)).item()) for each in (*ours, *theirs.values())]
-    of_experts = zip(theirs, grown[len(ours) :], strict=True)
+    of_experts = [f"{name_of(name)} {number(growth(of))}" for name, of in theirs.items()]
     return [
         Finding(
             "Does the networks' time to plan grow less with n than the expert's, as in the paper?",
             verdicts.verdict_on_lower(bool(several), differences),
-            f"from n = {ends[0]} to n = {ends[1]}: networks {span(grown[: len(ours)])} times, "
-            + ", ".join(f"{name_of(p)} {number(value)}" for p, value in of_experts),
+            f"from n = {ends[0]} to n = {ends[1]}: networks {span(map(growth, ours))} times, "
+            f"{', '.join(of_experts)}",
         )
     ]

@@ -198,8 +198,9 @@ LOWER: Rules = (
 def verdict_on_lower(several: bool, differences: Iterable[Interval]) -> str:
     """Whether some numbers are lower than others, as the paper says, by intervals of differences.
 
-    Where any difference is open, and where some are lower, higher ones are MIXED.
+    Higher numbers are MIXED where other differences are open or lower.
     """
+    # Lower, higher or open
     claims = {True if high < 0 else False if low > 0 else None for low, high in differences}
     higher = MIXED if False in claims and len(claims) > 1 else False in claims
     return decide(LOWER, several, claims == {True}, higher)
@@ -255,7 +256,7 @@ class Group:
         return f"{begun} {asked}"
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Their rows."""
+        """The rows of these planners."""
         return rows[rows["planner"].isin(self.planners)]
 
 

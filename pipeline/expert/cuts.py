@@ -216,7 +216,7 @@ def half_spaces(
     maps = transfer_maps(problem)
 
     def effect(to_state: Array, interval: Indices, pushed: Array) -> Array:
-        """Of a craft's controls along each normal, m per m/s²."""
+        """Effect of a craft's controls along each normal, m per m/s²."""
         row = np.vecmat(to_state, maps.reach[interval])
         columns = 3 * interval[:, None] + np.arange(3)
         row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)

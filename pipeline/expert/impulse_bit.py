@@ -103,7 +103,7 @@ def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
 def smaller_half(
     controls: Controls, limits: Limits, problem: Problem
 ) -> Bool[Array, "n intervals 3"]:
-    """Of the burns of each craft that are too small, the smaller half, and at least one."""
+    """The smaller half, and at least one, of the burns of each craft that are too small."""
     small = too_small(controls, limits, problem)
     size = burn_sizes(controls, limits, problem.thrust)
     dropped = np.zeros(controls.shape, dtype=bool)

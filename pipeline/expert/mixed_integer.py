@@ -117,7 +117,8 @@ def by_integers(sub: Subproblem) -> Optimum:
 
     Its dual variables are not known, and zero. UnsolvableError where none was found.
     """
-    integers = _Integers(program := ConicProgram(sub))
+    program = ConicProgram(sub)
+    integers = _Integers(program)
     S, V, k = len(program.slots[0]), len(program.price), len(sub.required)
     excluded = integers.opposite()
     for _ in range(ROUNDS):

@@ -74,7 +74,7 @@ class SearchProblem:
         return ConflictDetection(problem, self.requirements, swarms, margin, self.back_off)
 
     def part(self, which: Sequence[int]) -> "SearchProblem":
-        """The same of some of the scenarios."""
+        """The search for some of the scenarios."""
         if len(which) == len(self.batch.scenarios):
             return self
         return replace(self, batch=self.batch.part(which))

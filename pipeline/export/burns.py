@@ -32,7 +32,7 @@ class Masses:
     def of(
         cls, n: int, mass: PerCraft | None, specific_impulse: PerCraft | None = None
     ) -> "Masses | None":
-        """Those of n craft by one number (kg, s) for all or one for each, or None without a mass.
+        """Masses of n craft by one number (kg, s) for all or one for each, or None without a mass.
 
         InputError for other counts, numbers that are not positive, or no mass.
         """

@@ -103,7 +103,7 @@ def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:
 
 
 def _correlation(first: Float[Array, "k"], second: Float[Array, "k"]) -> float:
-    """Of two shares, less where it is positive, by Newcombe's correction for continuity."""
+    """Correlation of two shares, less if positive, by Newcombe's correction for continuity."""
     k, (p, q) = len(first), (float(first.mean()), float(second.mean()))
     together = k * k * float(np.mean(first * second) - p * q)
     together = max(together - k / 2, 0.0) if together > 0 else together

@@ -67,7 +67,8 @@ def ratio_within(value: float, interval: tuple[float, float]) -> str:
 
 def span(values: Iterable[float]) -> str:
     """The least and the greatest of some numbers."""
-    low, high = min(values := list(values)), max(values)
+    given = list(values)
+    low, high = min(given), max(given)
     return number(low) if low == high else f"{number(low)} to {number(high)}"
 
 

@@ -116,7 +116,7 @@ class ClosedLoop:
         return self._commanded
 
     def _replan(self, estimate: EachState, problem: Problem) -> None:
-        """Choose what is flown of an interval and all after it, which the problem has."""
+        """Choose the controls of the rest of the transfer, which is posed as a problem."""
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         apart = node_distances(estimate[:, :, None]).min(axis=(1, 2), initial=np.inf)
@@ -124,7 +124,7 @@ class ClosedLoop:
         choice = Choice(problem, estimate, corrected, required, self._lost, self._allowance)
         self._ahead = choice.controls
         if problem.intervals > DETERMINED:
-            self.seconds[:, -problem.intervals] = 0.0
+            self.seconds[:, -problem.intervals] = 0.0  # of the node at which the rest begins
             relaxed = required.passive_safety is not None
             self._ask(choice, self._planner, asked[:1] if relaxed else asked)
             if relaxed and choice.open.any():  # rather in flight than after a loss of thrust
@@ -176,8 +176,9 @@ class ClosedLoop:
     def _spent(self, which: Indices, plans: Sequence[Plan]) -> None:
         """Count the time that plans took, at the node at which they begin."""
         for k, plan in zip(which, plans, strict=True):
-            timing, left = plan.timing, plan.controls.shape[1]
-            self.seconds[k, -left] += timing.get("plan", 0.0) + timing.get("certificate", 0.0)
+            left = plan.controls.shape[1]
+            stages = ("plan", "certificate")
+            self.seconds[k, -left] += sum(plan.timing.get(stage, 0.0) for stage in stages)
 
     def _end(self, estimate: EachState) -> None:
         """Choose the last controls: the nearest to the goal, or the planned ones if safer."""
@@ -299,8 +300,8 @@ class Choice:
 
         Where neither is, the one remains that keeps craft further apart; but one that misses the
         goal does not replace one that meets it. Plans are for ``which`` trials, all open, and were
-        asked for separation by a radius, m. With a margin, the plan must keep all of it or, where a
-        part is enough, lack less; and new ones must not cost too much.
+        asked for separation by a radius, m. With a margin, a plan must keep all of it or, where a
+        part is enough, lack less of it than the other; and a new one must not cost too much.
         """
         if not plans:
             return
@@ -354,7 +355,7 @@ class Choice:
         initial, flat = self.estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
         if intervals == self.problem.intervals:
             states = fly(initial, flat, self.problem)
-        else:  # the last
+        else:  # the last interval alone
             states = flown_interval(initial, flat[:, 0], self.problem)
         return Trajectory(flat, states), side_by_side((n,) * trials)
 

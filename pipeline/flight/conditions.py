@@ -35,7 +35,7 @@ class Conditions:
         check_elements(self)
 
     def about(self, reference: Reference) -> "Conditions":
-        """The same with the orientation and phase of a scenario's reference orbit."""
+        """The same conditions with the orientation and phase of a scenario's reference orbit."""
         return replace(
             self,
             inclination_deg=reference.inclination_deg,
@@ -54,7 +54,7 @@ class Conditions:
 
 
 def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Conditions:
-    """Those given, or the usual ones about the scenario's reference orbit."""
+    """The conditions given, or the usual ones about the scenario's reference orbit."""
     usual = Conditions()
     return given or (usual if scenario.reference is None else usual.about(scenario.reference))
 

@@ -88,10 +88,11 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     found = []
     rows = zip(worlds, flights, errors, added, given, strict=True)
     for (name, _), (states, obstacles, met), error, by, share in rows:
-        least = met.craft.separation(), error, by, share
+        least = met.craft.separation()
         clearance = Clearance.of(met.sized.separation(), scenario) if met.sized else None
         corridor = CorridorMargin.in_flight(met.inside) if met.inside else None
-        found.append(Effect(name, states, *least, obstacles, clearance, corridor))
+        effect = Effect(name, states, least, error, by, share, obstacles, clearance, corridor)
+        found.append(effect)
     return found
 
 
@@ -194,7 +195,8 @@ def _passive_safety(
     Requirements(passive_safety=orbits)  # refuses numbers that are none
     scenario = plan.scenario
     flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
-    clearance, adrift = None, least_adrift_in_world(*flown)
+    clearance = None
+    adrift = least_adrift_in_world(*flown)
     if scenario.sized:
         spaced = least_adrift_in_world(*flown, participants([scenario]))
         clearance = Clearance.of(spaced, scenario)
@@ -202,7 +204,8 @@ def _passive_safety(
 
 
 def _of(effect: Effect) -> dict[str, Any]:
-    nearest, alone = effect.nearest, effect.nearest.pair is None
+    nearest = effect.nearest
+    alone = nearest.pair is None
     unlike = {"clearance": effect.clearance, "corridor": effect.corridor}
     return {
         "goal_error": _most(effect.errors[:, :3]),

@@ -146,10 +146,10 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     once; the normal ones are by inversion.
     """
     shapes = (n, 6), (intervals, n, 6), (intervals, n, 3), (intervals, n), (intervals, n)
-    bias, noise, burn, lag, missed = _uniform(int(seed), trials, *shapes)
-    # Numpy's integers may be too short for what is added
-    (thruster,) = _uniform(int(seed) + SEEDS, trials, (n, 4))
-    (loss,) = _uniform(int(seed) + 2 * SEEDS, trials, (3,))
+    seed = int(seed)  # numpy's integers may be too short for what is added
+    bias, noise, burn, lag, missed = _uniform(seed, trials, *shapes)
+    (thruster,) = _uniform(seed + SEEDS, trials, (n, 4))
+    (loss,) = _uniform(seed + 2 * SEEDS, trials, (3,))
     bias, noise, burn, lag, thruster = map(_normal, (bias, noise, burn, lag, thruster))
     return Draws(bias, noise, burn, lag, missed, thruster, loss)
 

@@ -52,7 +52,7 @@ class Filter:
 
     @property
     def covariance(self) -> Float[Array, "N 6 6"]:
-        """Of the errors of the states at the last node, m and m/s, of all craft in a row."""
+        """Covariance of the errors of the states at the last node, m and m/s, of all craft."""
         assert self._known is not None
         return self._known[1][:, STATE, STATE]
 

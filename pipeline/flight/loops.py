@@ -50,8 +50,10 @@ class Loop:
         unsafe, seconds = np.zeros(count, dtype=int), np.zeros((count, 0))
         guidance = open_loop(self.controls)
         if self.planner is not None:
-            loss, given = lost_thrust(drawn, errors, problem), (scenario, self.controls)
-            closed = ClosedLoop(*given, self.planner, count, self.back_off, loss, errors)
+            loss = lost_thrust(drawn, errors, problem)
+            closed = ClosedLoop(
+                scenario, self.controls, self.planner, count, self.back_off, loss, errors
+            )
             guidance, unsafe, seconds = closed, closed.unsafe, closed.seconds  # filled in flight
         elif self.states is not None:
             guidance = feedback(self.controls, self.states, problem)
@@ -157,7 +159,7 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
 def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements, errors: Errors) -> Controls:
     """Controls that keep as much of a back-off as they can from the first node on, m/s².
 
-    Those of the plan where there are none, or they would cost too much.
+    Those of the plan where no safe ones are found, or they would cost too much.
     """
     problem, alone = plan.scenario.problem, side_by_side((plan.scenario.n,))
     for required in asked_with_margin(requirements, problem, errors):

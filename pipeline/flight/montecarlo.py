@@ -110,7 +110,7 @@ class Portion:
 
     @property
     def path(self) -> str:
-        """Of its shard inside the folder."""
+        """Path of its shard inside the folder."""
         return f"loop={self.loop.name.replace(' ', '-')}/part-{self.number:05d}.parquet"
 
     @property

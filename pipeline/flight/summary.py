@@ -57,7 +57,7 @@ class Summary:
     missed_burns: float  # mean number in a trial
     unsafe_replans: float | None  # mean number of nodes where the plan flown was unsafe
     replan_seconds: float | None  # median time of a plan
-    # By sizes or of corridors, where there are any
+    # Where sizes differ or there are obstacles or corridors, else None
     least_clearance: float | None = None  # of all trials; of craft and obstacles by their sizes
     clearance_median: float | None = None  # of the least clearance of each trial
     outside_corridor: float | None = None  # share in which a craft left a corridor

@@ -17,7 +17,7 @@ from pipeline.orbit.problem import Problem
 WEIGHTS_FILE = "weights.safetensors"
 DOCUMENT_FILE = "model.json"
 
-COLUMNS_AT_ONCE = 50_000  # columns n·T of a batch; a few hundred MB in the widest network
+COLUMNS_AT_ONCE = 50_000  # most columns n·T of a batch: a few hundred MB in the widest network
 
 COLUMNS_ON_DEVICE = 1_000_000
 """As many of the refiner's on a GPU, which fewer do not keep busy; 4 GiB in dense swarms of ten."""
@@ -35,7 +35,7 @@ class TrainedNetwork(Protocol):
 
     @property
     def architecture(self) -> str:
-        """Its name."""
+        """Name of its architecture."""
 
     @property
     def problem(self) -> Problem:

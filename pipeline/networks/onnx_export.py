@@ -37,9 +37,10 @@ TOLERANCE = 1e-5  # largest difference from torch, as a share of a component's r
 SIZES = (1, 2, 10, 30, 100)  # swarm sizes that are checked and timed, where the file serves them
 
 INSTANCES = 4  # random swarms of each size that are compared
-WARM_UP, REPEATS = 5, 50  # calls before those that are timed, and these
+WARM_UP, REPEATS = 5, 50  # calls before the timed ones, and timed calls
 
-Axes = Mapping[str, Sequence[str | None]]  # by input or output; None where the length is fixed
+# Names of axes of any length, by input or output; None for an axis of fixed length
+Axes = Mapping[str, Sequence[str | None]]
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[flo
     except Exception:  # onnxruntime's own kinds, all directly under Exception
         return math.inf, math.inf
     initial, goal = (end.astype(np.float64) for end in ends.values())
-    wanted = [predicted := model.predict(initial, goal)]
+    predicted = model.predict(initial, goal)
+    wanted = [predicted]
     if flown:
         controls = project_to_flyable(predicted, initial, goal, model.problem)
         wanted = [fly(initial, controls, model.problem), controls]

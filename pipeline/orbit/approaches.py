@@ -85,7 +85,7 @@ class SwarmPartition:
         return controls
 
     def marked(self, moved: Marked) -> Bool[Array, "participants"]:
-        """Those marked among all participants."""
+        """The craft that are marked, as a mask of all participants."""
         return moved
 
     def still(self, rows: Indices) -> Bool[Array, "k"]:
@@ -192,7 +192,7 @@ class Closest(Rows):
     pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
     def less(self, beyond: Float[Array, "all"] | float, which: Indices) -> "Closest":
-        """With distances and bounds by so much less, of those numbers."""
+        """Approaches with distances and bounds less by ``beyond``, of some numbers."""
         if isinstance(beyond, float):
             return self
         off = beyond[which]

@@ -46,11 +46,11 @@ for _point in range(4):
 
 # Weights of c's points in those of four equal parts: its blossom at their ends
 EQUAL_PARTS = np.zeros((16, 4))
-for _point in range(16):
+for _part, _point in np.ndindex(4, 4):
     _weights = np.eye(4)
-    for _at in [_point // 4 + 1] * (_point % 4) + [_point // 4] * (3 - _point % 4):
-        _weights = (1 - _at / 4) * _weights[:-1] + _at / 4 * _weights[1:]
-    EQUAL_PARTS[_point] = _weights[0]
+    for _end in [_part + 1] * _point + [_part] * (3 - _point):
+        _weights = (1 - _end / 4) * _weights[:-1] + _end / 4 * _weights[1:]
+    EQUAL_PARTS[4 * _part + _point] = _weights[0]
 
 
 def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
@@ -102,8 +102,8 @@ def branch_and_bound(
 
     Cubics are split where they are closest: on either side |c|² then mostly grows, which its
     Bernstein coefficients prove at once. Each is off by at most its remainder, beside which
-    brackets are ``tolerance`` wide. It is a ``stretch`` of its group's motion, with begin and width
-    as shares of that; what is beyond the distance of interest, ``within``, is dropped.
+    brackets are ``tolerance`` wide. Each is a ``stretch`` of its group's motion, begin and width as
+    shares of the whole; stretches beyond the distance of interest, ``within``, are dropped.
     """
     left, width = stretch
     best = np.full(len(within), np.inf)

@@ -15,7 +15,7 @@ ITERATIONS = 40  # most of Picard's, each of which integrates the forces at the 
 ROUNDING = 1e-14  # share of the largest position by which they may change in the last iteration
 # On [-1, 1], ascending
 NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
-# From values at the points to Chebyshev coefficients, and those of derivatives by their order
+# From values at the points to Chebyshev coefficients, and to those of derivatives by their order
 COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(NODES, POINTS - 1))
 DERIVATIVES = {order: chebyshev.chebder(COEFFICIENTS, order) for order in (1, 2, 3)}
 # From values at the points to those of the integral from the first point
@@ -35,7 +35,10 @@ def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:
 def most_derivative(
     values: Float[Any, "*batch q d"], order: int, half: float
 ) -> Float[Any, "*batch d"]:
-    """Upper bound on a derivative over a piece of 2 ``half`` s, from values at its points."""
-    # No Chebyshev polynomial exceeds 1, so absolute coefficients are added up; of tensors too.
+    """Upper bound on a derivative's size over a piece of 2 ``half`` s, from values at its points.
+
+    Of arrays or tensors.
+    """
+    # Absolute coefficients are added up, since no Chebyshev polynomial exceeds 1.
     found = abs(like(DERIVATIVES[order], values) @ values).sum(axis=-2)
     return found / half**order

@@ -53,7 +53,7 @@ class Box:
         return np.concatenate([axes, -axes]), np.array([*self.max, *(-low for low in self.min)])
 
     def narrower(self, by: float) -> "Box":
-        """The same with its faces so much further in, m, as far as it still has an inside."""
+        """The box with its faces so much further in, m, as far as it still has an inside."""
         low, high = np.array(self.min), np.array(self.max)
         by = np.minimum(by, MOST_NARROWED * (high - low) / 2)
         return Box(*(tuple(one.tolist()) for one in (low + by, high - by)))
@@ -105,7 +105,7 @@ class Cone:
         return normal, normal @ np.array(self.apex)
 
     def narrower(self, by: float) -> "Cone":
-        """The same with its apex so far along the axis that its faces are so much further in, m."""
+        """The cone with its apex so far along the axis that its faces are so much further in, m."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         apex = np.array(self.apex) - by / (self.faces[0] @ axis).mean() * axis
         return Cone(tuple(apex.tolist()), self.axis, self.half_angle_deg)
@@ -177,8 +177,8 @@ class Faces(Rows):
             normal, offset = one.inside.faces
             for craft in one.craft or range(n):
                 same = partial(np.full, len(offset))
-                when = same(float(one.begin)), same(float(one.end))
-                parts.append(cls(same(first + craft), same(k), normal, offset, *when))
+                begin, end = same(float(one.begin)), same(float(one.end))
+                parts.append(cls(same(first + craft), same(k), normal, offset, begin, end))
         return cls.concatenated(parts)
 
 
@@ -236,7 +236,8 @@ def least_inside(
 ) -> Nearest:
     """How far craft stay inside of corridors at any time of an arc that is given as in ``nearest``.
 
-    Of each trial, below 0 outside, with craft and number of the corridor as ``first``, ``second``.
+    The least of each trial, below 0 outside, with the craft as ``first`` and the number of the
+    corridor as ``second``.
     """
     trials, pieces = len(states), states.shape[2]
     length = duration / pieces

@@ -75,7 +75,7 @@ class Uncertainty:
             )
 
     def gaussian(self, time_step: float) -> "Uncertainty":
-        """These errors alone, of intervals of so many s, where there are others besides."""
+        """The Gaussian errors alone, where a subclass has others too; intervals take so many s."""
         return Uncertainty(**{f.name: getattr(self, f.name) for f in fields(Uncertainty)})
 
 
@@ -90,7 +90,7 @@ class Dispersion:
     state: Float[Array, "n T 6 J"]  # effect on each node's state, m and m/s
     control: Float[Array, "n intervals 3 J"]  # effect on each interval's control, m/s²
     commanded: Float[Array, "n intervals 3 3"]  # covariance of what feedback adds to controls
-    own: int = 0  # normals that a pair has twice, each craft's thrusters'; others have joint maps
+    own: int = 0  # normals of a craft's own thrusters: a pair has those of both, all others once
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:
@@ -125,7 +125,10 @@ class Dispersion:
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:
-    """Linear covariance analysis of craft that fly controls, m/s², in open or closed loop."""
+    """Linear covariance analysis of craft that fly controls, m/s², from any states.
+
+    In open loop, or in closed loop by ``pipeline.orbit.feedback``.
+    """
     noise, bias = navigation_roots(uncertainty, problem)
     burn = burn_deviation(controls, problem, uncertainty)
     thruster = thruster_deviation(controls, uncertainty)
@@ -146,8 +149,8 @@ def navigation_roots(
     """Roots of the covariances of known states, m and m/s: of what is new at a node, and bias."""
     noise = np.diag(np.repeat([uncertainty.position, uncertainty.velocity], 3))
     bias = np.diag(np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3))
-    if (size := uncertainty.semi_major_axis) > 0:
-        rate = problem.mean_motion
+    size, rate = uncertainty.semi_major_axis, problem.mean_motion
+    if size > 0:
         noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * size / 2
     return noise, bias
 
@@ -172,7 +175,7 @@ def correlation_root(uncertainty: Uncertainty, problem: Problem) -> Float[Array,
 def thruster_deviation(
     controls: Controls, uncertainty: Uncertainty
 ) -> Float[Array, "n intervals 3 4"]:
-    """Of a bias in size and of a rotation of a craft's thrusters on its controls, m/s²."""
+    """Effect of a bias in size and of a rotation of a craft's thrusters on its controls, m/s²."""
     found = np.zeros((*controls.shape, 4))
     found[..., 0] = uncertainty.magnitude_bias * controls
     found[..., 1:] = uncertainty.direction_bias * np.cross(np.eye(3), controls[..., None, :]).mT

@@ -127,7 +127,8 @@ def _facets(
 def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
     """Least limit on components, or thrusters, that lets craft join their two states, m/s².
 
-    Infinite where no thrust does. A thruster that is pointed has limits of its components.
+    Infinite where no thrust does. The problem's own limit is ignored. A thruster that is pointed
+    has limits of its components.
     """
     maps = transfer_maps(problem)
     miss = goal - np.matvec(maps.drift[-1], initial)
@@ -141,12 +142,12 @@ def least_limits_within(
     burns: Bool[Array, "n intervals"],
     problem: Problem,
 ) -> Float[Array, "n"]:
-    """The same of changes of states at some nodes, m and m/s, of craft that burn at some times.
+    """Least limits, as ``least_limits``, for changes of states at some nodes, m and m/s.
 
-    Reach is the effect of flattened controls on these changes, six for each node. A linear program
-    for each craft: with every component of w within ±1, or every thrust from 0 to 1, how many times
-    s the change b can R w = s b be? A limit of 1/s is what it takes. All are solved in one call,
-    scaled by the controls of least energy.
+    Changes are six for each node; reach is the effect of flattened controls on them, and craft burn
+    in the intervals given. A linear program for each craft: with every component of w within ±1, or
+    every thrust from 0 to 1, how many times s the change b can R w = s b be? A limit of 1/s is what
+    it takes. All are solved in one call, scaled by the controls of least energy.
     """
     # Slow to import, and only a check of a scenario needs them.
     from scipy.optimize import linprog
@@ -154,7 +155,8 @@ def least_limits_within(
 
     rows = miss.shape[1]
     scale = np.tile(acceleration_scale(problem), rows // 6)
-    reach, miss = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None], miss * scale
+    reach = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None]
+    miss = miss * scale
     controls = np.matvec(np.linalg.pinv(reach), miss)
     left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
     least = np.tile(MISSED, rows // 6) * scale

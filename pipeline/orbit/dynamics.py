@@ -33,8 +33,10 @@ class ClohessyWiltshire:
         return self.mean_motion
 
     def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
-        """A and B of Eq. 2 for times, s, from an interval's start or from some s ``since`` it."""
-        # Here the time may also be longer than the interval.
+        """A and B of s(t) = A s(0) + B u, Eq. 2, for times, s, from an interval's start.
+
+        Or from some s ``since`` its start. Here the time may also be longer than the interval.
+        """
         return cw_matrices(self.mean_motion, time)
 
     def drift(self, first: Interval, last: Node) -> Float[Array, "*all 6 6"]:
@@ -53,7 +55,10 @@ class ClohessyWiltshire:
     def most_fourth_derivative(
         self, start: AnyState, control: Vector, interval: Interval = 0, since: Since = 0.0
     ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from a state some s ``since`` its start."""
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from a state some s ``since`` its start.
+
+        It bounds the error of a cubic interpolant.
+        """
         # At all times x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)

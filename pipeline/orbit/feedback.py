@@ -1,8 +1,8 @@
 """Linear feedback about a plan: at each node what is estimated to be off is corrected.
 
 The estimated deviation is to be nulled within the next 0.15 orbits, or at an earlier goal, by the
-change of controls of least energy, of which the first interval is flown. In the last interval, with
-three components for six of a state, ‖Δp‖² + ‖Δv/e‖² is least.
+change of controls of least energy, of which the first interval is flown. In the last interval the
+three components of the control leave the least ‖Δp‖² + ‖Δv/e‖² at the goal.
 """
 
 import math
@@ -24,7 +24,8 @@ CORRECTED = 1e-100  # response to an error below which there is none, SI
 @lru_cache(maxsize=32)
 def feedback_gains(problem: Problem) -> Float[Array, "intervals 3 6"]:
     """K of δu = K δs at each node: the change of a control, m/s², for a deviation, m and m/s."""
-    intervals, period = problem.intervals, 2 * np.pi / problem.mean_motion
+    intervals = problem.intervals
+    period = 2 * np.pi / problem.mean_motion
     horizon = max(2, math.ceil(WITHIN * period / problem.time_step))
     gains = np.zeros((intervals, 3, 6))
     for node in range(intervals - 1):
@@ -59,7 +60,7 @@ class Responses:
 
 @lru_cache(maxsize=32)
 def open_loop_responses(problem: Problem) -> Responses:
-    """Without feedback: errors of the initial state and of burns drift on."""
+    """Responses without feedback: errors of the initial state and of burns drift on."""
     maps, m = transfer_maps(problem), 3 * problem.intervals
     still = np.zeros((problem.intervals, 3, 6)), np.zeros((problem.intervals, 3, m))
     return Responses(maps.drift, maps.reach, *still)
@@ -68,8 +69,10 @@ def open_loop_responses(problem: Problem) -> Responses:
 @lru_cache(maxsize=32)
 @np.errstate(under="ignore")
 def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
-    """With feedback from an estimate at each node but the first, where the estimate is the plan."""
-    # A late estimate is that of the node before, carried on by what was commanded since.
+    """Responses with feedback from an estimate at each node but the first, where it is the plan.
+
+    A ``late`` estimate is that of the node before, carried on by what was commanded since.
+    """
     intervals, gains = problem.intervals, feedback_gains(problem)
     known, count = 6 * (1 + intervals), 9 * intervals + 6
     A, B = step_maps(problem)
@@ -88,5 +91,6 @@ def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
         states[k + 1] = A[k] @ states[k] + B[k] @ pushed
     for some in (states, controls):
         some[np.abs(some) < CORRECTED] = 0.0  # whose squares would underflow
-    parts = (part for some in (states, controls) for part in np.split(some, [known], axis=2))
-    return Responses(*parts)
+    return Responses(
+        states[..., :known], states[..., known:], controls[..., :known], controls[..., known:]
+    )

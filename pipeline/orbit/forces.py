@@ -93,7 +93,8 @@ def oblateness(position: Vector) -> Vector:
 def drag(states: AnyState, ballistic: Scalar | float, air: Atmosphere) -> Vector:
     """Drag, -½ ρ B |v| v with v against the turning air, m/s², at inertial states, m and m/s.
 
-    B = C_D A/m is the ballistic coefficient, m²/kg; heights are above a sphere of Earth's equator.
+    B = C_D A/m is the ballistic coefficient, m²/kg; density is by height above a sphere of the
+    Earth's equatorial radius.
     """
     velocity = _through_air(states)
     density = air.density_at(norm(states[..., :3]) - R_EARTH)

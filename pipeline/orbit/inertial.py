@@ -28,9 +28,9 @@ class Elements:
         """Elements of an inertial state, m and m/s, with angles from 0 to 2π, and u = ω + ν, rad.
 
         The inverse of ``states``, from the angular momentum h, and e cos ν = p/r - 1,
-        e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Within rounding of an equatorial orbit
-        Ω is 0, and of a circle ω. Near these Ω and ω are sensitive to the state, but all elements
-        together give it back. InputError for a state on no closed orbit.
+        e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Ω is 0 where the orbit is equatorial
+        within rounding, and ω where it is a circle. Near these both are sensitive to the state, but
+        all elements together give it back. InputError for a state on no closed orbit.
         """
         position, velocity = state[:3], state[3:]
         momentum = np.cross(position, velocity)
@@ -60,8 +60,10 @@ class Elements:
         return cls(axis, float(inclination), raan, eccentricity, perigee), u
 
     def states(self, argument_of_latitude: Scalar) -> AnyState:
-        """Inertial states at u = ω + ν (rad), m and m/s."""
-        # Curtis, "Orbital Mechanics for Engineering Students", sections 2.4 and 4.6
+        """Inertial states at u = ω + ν (rad), m and m/s.
+
+        Curtis, "Orbital Mechanics for Engineering Students", sections 2.4 and 4.6.
+        """
         u, eccentricity = np.asarray(argument_of_latitude), self.eccentricity
         anomaly = u - self.argument_of_perigee
         parameter = self.semi_major_axis * (1 - eccentricity**2)

@@ -30,8 +30,10 @@ def unavoidable(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
-    """The closest encounter within r_col, or both radii, that follows from the ends, or None."""
-    # Obstacles, which need radii, are numbered after the craft.
+    """The closest encounter within r_col, or both radii, that follows from the ends, or None.
+
+    Radii are of craft, m. Obstacles, which need radii, are numbered after the craft.
+    """
     there, last = at_the_end(obstacles, problem), problem.nodes - 1
     met = list(_encounters(goal, problem, orbits, last, radii, there))
     if obstacles:

@@ -1,6 +1,6 @@
 """Mean elements: osculating elements without their short-period variations by J2, to first order.
 
-They are kept as the inertial state whose osculating elements they are. By the method of averaging,
+Mean elements are kept as the state whose osculating elements they are. By the method of averaging,
 Gauss's equations along the mean orbit, less their average, are integrated such that the integral
 averages to zero over a revolution (short-period terms: Brouwer 1959, "Solution of the problem of
 artificial satellite theory without drag"; Gauss's equations: Battin, "An Introduction to the
@@ -36,7 +36,7 @@ class PlanarElements(Rows):
 
     @classmethod
     def of(cls, states: Formation) -> "PlanarElements":
-        """Those of inertial states, m and m/s, in their LVLH axes."""
+        """Elements of inertial states, m and m/s, in their LVLH axes."""
         position, velocity = states[..., :3], states[..., 3:]
         r, h = norm(position), norm(np.cross(position, velocity))
         rising = np.vecdot(position, velocity) / r
@@ -86,7 +86,7 @@ class PlanarElements(Rows):
         return np.concatenate(parts, axis=-1)
 
     def changed(self, by: Float[Array, "n 6"]) -> "PlanarElements":
-        """With changes of all: semi-major axis, eccentricity, longitude, rotation of the plane."""
+        """Elements changed by semi-major axis, eccentricity, longitude, rotation of the plane."""
         angle = np.concatenate([by[..., 4:], np.zeros_like(by[..., :1])], axis=-1)
         return PlanarElements(
             self.axes @ rotation(angle),
@@ -106,7 +106,10 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
 
 
 def osculating_states(mean: Formation, *, j2: bool = True) -> Formation:
-    """Inertial states, m and m/s, of craft whose mean elements are those of other states."""
+    """Inertial states, m and m/s, of craft whose mean elements are those of other states.
+
+    Without J2 both are the same.
+    """
     # By the energy, a constant of the motion, semi-major axes, and so along-track drifts, are known
     # to second order but for a constant.
     if not j2:
@@ -137,9 +140,9 @@ def _mean_energy(mean: PlanarElements) -> OfCraft:
 
 def mean_states(osculating: Formation, *, j2: bool = True) -> Formation:
     """The inverse of ``osculating_states``, by fixed-point iteration."""
-    found, far = osculating, norm(osculating[..., :3])
     if not j2:
         return osculating
+    found, far = osculating, norm(osculating[..., :3])
     for _ in range(ITERATIONS):
         missed = osculating - osculating_states(found)
         found = found + missed
@@ -202,8 +205,10 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
 
 
 def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[OfCraft, OfCraft, OfCraft]:
-    """Rates of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2."""
-    # Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6
+    """Rates of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2.
+
+    Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.
+    """
     elements = PlanarElements.of(mean)
     n, square = elements.mean_motion, 1 - elements.eccentricity_squared
     cos = elements.axes[..., 2, 2]  # of the inclination

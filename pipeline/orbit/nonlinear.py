@@ -101,8 +101,11 @@ class NonlinearFlight:
         return least_inside(_pieces(self.arcs), faces, 0.0, self.problem.duration)
 
     def deviation(self, states: States) -> float:
-        """Upper bound on its distance from linear motion that starts at each node's state, m."""
-        # Of any craft at any time, by the sum of the difference's absolute Chebyshev coefficients.
+        """Upper bound on the distance of any craft at any time from linear motion, m.
+
+        Linear motion starts at each node from the state there. By the sum of the absolute Chebyshev
+        coefficients of the difference.
+        """
         arcs, dynamics = self.arcs[..., :3], self.problem.dynamics
         pieces = arcs.shape[2]
         share = (np.arange(pieces)[:, None] + (1 + NODES) / 2).ravel() / pieces
@@ -129,7 +132,7 @@ def least_adrift_in_world(
     orbits: float,
     swarms: SwarmPartition | None = None,
 ) -> Separation:
-    """The least distance of a craft that has lost its thrust at a node to another, in that flight.
+    """The least distance of a craft that has lost its thrust to another, in nonlinear flight.
 
     As ``least_after_loss`` in linear motion; the last interval of a drift is rounded up. Of a swarm
     with obstacles, or radii, it is the least separation of participants.
@@ -150,8 +153,8 @@ def least_adrift_in_world(
         for k in range(0, after, AT_ONCE):
             end = min(k + AT_ONCE, after)
             lost, met = _pieces(adrift[:, k:end]), _pieces(others[:, node + k : node + end])
-            when = (node + k) * h, (end - k) * h
-            found = nearest_between(lost, met, both, *when, swarms).separation()
+            begin, length = (node + k) * h, (end - k) * h
+            found = nearest_between(lost, met, both, begin, length, swarms).separation()
             nearer = replace(found, node=node) if found.distance < least.distance else least
             least = replace(nearer, bound=min(found.bound, least.bound))
     return least
@@ -190,7 +193,8 @@ def _window(
     ballistics: OfCraft,
 ) -> Float[Array, "n K M q 6"]:
     """States at all points of some arcs, from states at the start of the first interval."""
-    flown = linear = _linear(arcs, start, controls)
+    linear = _linear(arcs, start, controls)
+    flown = linear
     enough = max(CONVERGED, chebyshev.ROUNDING * float(np.abs(linear[..., :3]).max()))
     for _ in range(chebyshev.ITERATIONS):
         added = _added(arcs, _remainder(arcs, orbit, flown, ballistics))

@@ -83,7 +83,8 @@ class _Paths:
         self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
         after = np.matvec(self.drift(self.last)[1:], states[:, -1:])
-        idle, held = np.zeros((len(states), whole + 1, 3)), swarms.held  # after the plan
+        idle = np.zeros((len(states), whole + 1, 3))  # after the plan
+        held = swarms.held
         after[held], idle[held] = states[held, -1:], controls[held, -1:]
         self.states = np.concatenate([states, after], axis=1)
         self.controls = np.concatenate([controls, idle], axis=1)
@@ -140,8 +141,10 @@ def _candidates(
 def _searched(
     node: int, last: int, since: Int[Array, "steps"], swarms: SwarmPartition, moved: Marked | None
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
-    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions."""
-    # All of them, or those that depend on the controls of moved craft.
+    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions.
+
+    All of them, or those that depend on the controls of ``moved`` craft.
+    """
     one, other = swarms.pairs
     back = ~swarms.still(other)  # no obstacle loses its thrust
     lost, met = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
@@ -174,8 +177,13 @@ def _closest(
     flown = np.concatenate([end, start, -held], axis=1)
     motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
-    who = (one[near] for one in (lost, other, interval, node))
-    return Approaches(*vars(found.less(beyond, near)).values(), *who)
+    return Approaches(
+        **vars(found.less(beyond, near)),
+        first=lost[near],
+        second=other[near],
+        interval=interval[near],
+        node=node[near],
+    )
 
 
 def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]:

@@ -101,9 +101,11 @@ class Problem:
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> "Problem":
         """The problem of such fields, as ``document`` gives them."""
-        kinds = {"orbit": ReferenceOrbit, "thrust": Thrust}
-        given = [(name, kind) for name, kind in kinds.items() if document.get(name)]
-        return cls(**{**document, **{name: kind(**document[name]) for name, kind in given}})
+        fields = dict(document)
+        for name, kind in (("orbit", ReferenceOrbit), ("thrust", Thrust)):
+            if given := document.get(name):
+                fields[name] = kind(**given)
+        return cls(**fields)
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without a reference orbit and thrust where they are the default."""

@@ -100,10 +100,17 @@ class ReferenceOrbit:
     ) -> "ReferenceOrbit":
         """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
         found, u = Elements.of(state)
-        i, raan = degrees(found.inclination), degrees(found.raan)
-        angles = i, raan, degrees(found.argument_of_perigee), degrees(u)
-        shape = found.semi_major_axis, found.eccentricity
-        return cls(*shape, *angles, j2=j2, ballistic=ballistic, spread=spread)
+        return cls(
+            semi_major_axis=found.semi_major_axis,
+            eccentricity=found.eccentricity,
+            inclination_deg=degrees(found.inclination),
+            raan_deg=degrees(found.raan),
+            argument_of_perigee_deg=degrees(found.argument_of_perigee),
+            argument_of_latitude_deg=degrees(u),
+            j2=j2,
+            ballistic=ballistic,
+            spread=spread,
+        )
 
     @classmethod
     def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
@@ -133,7 +140,7 @@ class ReferenceOrbit:
 
     @property
     def mean_motion(self) -> float:
-        """Of the osculating orbit, rad/s."""
+        """Mean motion of the osculating orbit, rad/s."""
         return sqrt(MU_EARTH / self.semi_major_axis**3)
 
     @property
@@ -148,7 +155,7 @@ class ReferenceOrbit:
         return forces.atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
 
     def later(self, time: float) -> "ReferenceOrbit":
-        """The same for a plan that begins some s later."""
+        """The same orbit for a plan that begins some s later."""
         return replace(self, start=self.start + time)
 
     def ballistics(self, n: int) -> OfCraft:

@@ -66,7 +66,7 @@ def energy_mismatch(states: AnyState, mean_motion: float) -> Scalar:
 
 
 def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
-    """Positions in m over one revolution of free drift through states on PROs; None if on none."""
+    """Positions in m over one revolution of free drift through states on PROs; None for others."""
     # The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
     x, vy = states[:, 0], states[:, 4]
     mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0
@@ -89,13 +89,12 @@ def ring_states(
 
     About another orbit than a circle without perturbations they have the same relative elements:
     δe = a/2 at θ behind the mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that
-    along-track positions do not drift on average over revolutions. So the ring is bounded, and the
-    motion the ring's only as far as the orbit is near to a circle.
+    along-track positions do not drift on average over revolutions. So the motion is bounded, and
+    has the ring's shape as far as the orbit is near to a circle.
     """
     orbit = problem.orbit
-    ring = semi_major_axis, tilt, phase, cross_phase
     if orbit is None or (orbit.eccentricity == 0 and not orbit.j2):
-        return pro_states(*ring, problem.mean_motion, offset)
+        return pro_states(semi_major_axis, tilt, phase, cross_phase, problem.mean_motion, offset)
     origin, mean, frame = _reference(orbit)
     chief = PlanarElements.of(mean)
     size = chief.semi_major_axis

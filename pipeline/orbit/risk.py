@@ -41,8 +41,9 @@ class CollisionRisk:
     first: Int[Array, "p"]  # first craft of each pair that is ever near, of lower index
     second: Int[Array, "p"]  # second craft
     of_pair: Float[Array, "p"]  # bound of each
-    at_ends: Float[Array, "p"]  # the larger part of its first and last node, which plans share
-    total: float  # of any pair of the swarm at any time, with that of saturation
+    # risk at the first or the last node, the larger, which only other errors change
+    at_ends: Float[Array, "p"]
+    total: float  # bound for any pair of the swarm at any time, with the risk of saturation
     saturation: float = 0.0  # that feedback asks for more than the thrust limit, of any craft
     corrections: float = 0.0  # mean fuel that feedback adds to the plan's, of all craft, m/s²
 
@@ -103,7 +104,8 @@ class _Stretches:
         if not self.two_sided:
             return near
         # Where errors are large in one direction, others may keep the pair apart all the same.
-        both, radius = np.concatenate([A, B], axis=-1), self.problem.collision_radius
+        both = np.concatenate([A, B], axis=-1)
+        radius = self.problem.collision_radius
         spread = both @ self.errors[at] @ both.mT
         normal = likeliest_direction(mean[:, :3], spread[:, :3, :3], radius)
         place = np.vecdot(normal, mean[:, :3])
@@ -183,8 +185,10 @@ def dispersed_risk(
 
 
 def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[float, float]:
-    """Probability, at most, that feedback asks for more than ``most``, and its mean fuel, m/s²."""
-    # The fuel that it adds is E|u + σξ| - |u|.
+    """Bound on the probability that feedback asks for a component beyond ``most``, m/s².
+
+    And the mean fuel that it adds to that of the controls, E|u + σξ| - |u|, m/s².
+    """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
     sigma = np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
@@ -229,8 +233,8 @@ def levels_at(
 def _stretches(
     states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> tuple[_Stretches, Int[Array, "b"]]:
-    """Where pairs may be near, and the pairs whose planned motion itself comes too close."""
-    # Checks on one side say nothing about a broken pair: it counts as one, unless errors are large.
+    """Where pairs may be near, and the broken pairs: their planned motion itself is too close."""
+    # Checks on one side say nothing about a broken pair, whose risk is 1 unless errors are large.
     from scipy.special import gammainccinv  # slow to import, and only a risk needs it
 
     n, normals = len(spread.state), spread.state.shape[3] + spread.own
@@ -247,9 +251,19 @@ def _stretches(
     state, push = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
     bend = problem.dynamics.most_acceleration(state, push, problem.time_step, k)
     erring = spread.most_acceleration(problem)
-    stray, errors = bend + most * np.hypot(erring[i, k], erring[j, k]), spread.of_pairs(i, j, k)
-    moved = number, k, state, push, errors
-    return _Stretches(problem, *moved, near, bend, stray, normals=most), broken
+    stretches = _Stretches(
+        problem=problem,
+        pair=number,
+        interval=k,
+        state=state,
+        push=push,
+        errors=spread.of_pairs(i, j, k),
+        near=near,
+        bend=bend,
+        stray=bend + most * np.hypot(erring[i, k], erring[j, k]),
+        normals=most,
+    )
+    return stretches, broken
 
 
 def _numbers(found: Approaches, n: int) -> Indices:

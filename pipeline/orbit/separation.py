@@ -77,7 +77,7 @@ def least_separations(
     tolerance: float = TOLERANCE,
 ) -> list[Separation]:
     """The least distance of any pair of each swarm at any time, in brackets so wide, m."""
-    # The least at the nodes bounds it from above, and is it where rounding hides closer ones.
+    # The least at the nodes is an upper bound, and the result where rounding hides closer ones.
     least = _closest_at_nodes(states, problem, swarms)
     within = distances_of(least)
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
@@ -99,8 +99,8 @@ def closer(
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
         pair = swarms.local(swarm, int(found.first[k])), swarms.local(swarm, int(found.second[k]))
         lost = None if found.node is None else int(found.node[k])
-        how = float(found.distance[k]), float(bound[swarm])
-        least[swarm] = Separation(*how, pair, float(time[k]), lost)
+        distance = float(found.distance[k])
+        least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
     return least
 
 

@@ -52,7 +52,7 @@ def polar(along: Vector, thrust: Thrust) -> Scalar:
 def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
     """At least the most that the controls of each craft do along vectors, less what they cost.
 
-    The largest v · u - cost(u) of each interval, within limits, summed; infinite where none holds.
+    The largest v · u - cost(u) of each interval, within limits, summed; infinite without a limit.
     Whatever the split w, v - w counts against the limit on components or thrusters and w against
     that on the norm; the best of some splits is taken.
     """
@@ -66,14 +66,17 @@ def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> O
 
 
 def support(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
-    """The same within its limits, whatever it costs."""
+    """At least the most that the controls of each craft do along vectors, within its limits.
+
+    The split is as in ``worth``; what controls cost does not count.
+    """
     return _most(along, [split, along, 0 * along], limits, thrust, 0.0)
 
 
 def _most(
     along: Controls, splits: list[Controls], limits: Limits, thrust: Thrust, price: float
 ) -> OfCraft:
-    """Least upper bounds by some splits on each craft's most of v · u - price · cost(u)."""
+    """Upper bound on v · u - price · cost(u) over the controls of each craft, by the best split."""
     component, norm = limits.component[:, None], limits.norm[:, None]
     least = np.full(along.shape[:2], np.inf)
     for split in splits:
@@ -96,8 +99,10 @@ def _times(limit: Array, amount: Array) -> Array:
 
 
 def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, "n intervals K"]:
-    """Thrust of each thruster, m/s²: the least that gives a control within their limits."""
-    # One linear program for all burns. Where a control is out of their reach, some exceed limits.
+    """Thrust of each thruster, m/s²: the least that gives a control within their limits.
+
+    Where a control is out of their reach, some exceed limits. One linear program for all burns.
+    """
     # Slow to import, and only some thrusters need them.
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, eye_array, hstack, kron
@@ -163,8 +168,10 @@ def exceeds(controls: Controls, limits: Limits, problem: Problem) -> dict[str, M
 
 
 def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
-    """Size of the burn that each component of a control is part of, m/s²; of several the least."""
-    # A burn is a component, the whole control where a thruster is pointed, or a thruster's thrust.
+    """Size of the burn that each component of a control is part of, m/s²; of several the least.
+
+    A burn is a component, the whole control where a thruster is pointed, or a thruster's thrust.
+    """
     if thrust.model == COMPONENTS:
         return np.abs(controls)
     if thrust.model == NORM:

@@ -38,7 +38,8 @@ class TransferMaps:
 @lru_cache(maxsize=32)
 def transfer_maps(problem: Problem) -> TransferMaps:
     """The maps of a problem, computed once."""
-    (A, B), T, weight = step_maps(problem), problem.nodes, state_weight(problem)
+    A, B = step_maps(problem)
+    T, weight = problem.nodes, state_weight(problem)
     reach = np.zeros((T, 6, 3 * (T - 1)))
     for t in range(1, T):
         reach[t] = A[t - 1] @ reach[t - 1]
@@ -102,9 +103,10 @@ def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates
 def free_drift(
     states: Formation, problem: Problem, orbits: float = 1.0, start: float = 0.0
 ) -> tuple[States, Controls, Problem]:
-    """Free drift for some orbits from some s on: states, zero controls and their problem.
+    """Free drift over so many orbits: node states, zero controls and the problem they belong to.
 
-    InputError where it takes longer than any transfer may.
+    It starts some s after the first node, which counts about a reference orbit. InputError where
+    it takes longer than any transfer may.
     """
     time, longest = orbits * 2 * np.pi / problem.mean_motion, RANGES["time_step"][1]
     if time > longest * (MOST_NODES - 1):
@@ -138,8 +140,11 @@ def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
 
 
 def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
-    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s²."""
-    # States that break Eq. 2, as a network's, can look cheaper than any transfer that can be flown.
+    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
+
+    States that break Eq. 2, as a network's may, can look cheaper than any transfer that can be
+    flown.
+    """
     A, B = _step(problem)
     return mapped(np.linalg.pinv(B), states[..., 1:, :] - mapped(A, states[..., :-1, :]))
 
@@ -163,8 +168,11 @@ def minimum_energy(initial: AnyState, goal: AnyState, problem: Problem) -> AnyCo
 def project_to_flyable(
     states: AnyStates, initial: AnyState, goal: AnyState, problem: Problem
 ) -> AnyControls:
-    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly."""
-    # In the sum of squares over nodes, velocities over e: an affine set, so this is one product.
+    """Controls of the trajectory nearest to ``states`` that obeys Eq. 2 and both ends exactly.
+
+    Nearest in the sum of squares over all nodes, with velocities divided by e.
+    """
+    # Such trajectories are an affine set, so this is one product.
     controls = minimum_energy(initial, goal, problem)
     rest = states - fly(initial, controls, problem)
     flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ _projection(problem).T
@@ -178,8 +186,10 @@ def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
 
 
 def with_coasts(controls: Controls, problem: Problem) -> Controls:
-    """The controls with exact zeros where only rounding is left; final states stay as they are."""
-    # A craft's other controls make up for what is dropped; where they cannot, nothing is.
+    """The controls with exact zeros where only rounding is left; final states stay as they are.
+
+    A craft's other controls make up for what is dropped; where they cannot, nothing is dropped.
+    """
     size = np.abs(controls)
     largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
     burns = size > COAST * largest

@@ -79,8 +79,10 @@ class Risk:
         return replace(self, bound=risk.total, feedback=self.feedback and feedback)
 
     def judge(self, states: States, controls: Controls, problem: Problem) -> "Risk":
-        """The same claim about other states, m and m/s, and controls, m/s²."""
-        # Craft count as larger by what their motion is off linear motion from node to node.
+        """The same claim about other states, m and m/s, and controls, m/s².
+
+        Craft count as larger by how far their motion is from linear motion between nodes.
+        """
         closed_loop = self.feedback is not None
         off = 2 * float(norm(dynamics_defect(states, controls, problem)[..., :3]).max())
         if off > FINE and problem.orbit is not None:
@@ -163,7 +165,7 @@ class CorridorMargin:
         controls: Controls,
         flight: NonlinearFlight | None = None,
     ) -> "CorridorMargin | None":
-        """Of linear motion or a flight; None where there are no corridors."""
+        """The margin of linear motion or of a flight; None where there are no corridors."""
         if not scenario.corridors:
             return None
         problem, faces = scenario.problem, Faces.of(scenario.corridors, scenario.n)
@@ -177,7 +179,7 @@ class CorridorMargin:
 
     @classmethod
     def in_flight(cls, found: Nearest) -> "CorridorMargin":
-        """Of the first trial of a flight."""
+        """The margin in the first trial of a flight."""
         least = found.separation()
         assert least.pair is not None and least.time is not None  # every corridor counts sometime
         return cls(least.distance, least.bound, *least.pair, least.time)
@@ -222,8 +224,9 @@ class PassiveSafety:
         """The passive safety of a swarm whose least separation after a loss is known."""
         if least.pair is None:
             return cls(orbits, clearance=clearance)
-        apart = least.distance, least.bound, least.pair, least.node, least.time
-        return cls(orbits, *apart, clearance)
+        return cls(
+            orbits, least.distance, least.bound, least.pair, least.node, least.time, clearance
+        )
 
 
 @dataclass(frozen=True)
@@ -349,8 +352,8 @@ def certify(
     both = zip(scenarios, flown, strict=True)
     off = [missed(s.waypoints, one, problem) if s.waypoints else (None, None) for s, one in both]
     columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
-    moved = (scenarios, flown, pushed, flights) if flights else (scenarios, flown, pushed)
-    columns["corridor"] = list(map(CorridorMargin.of, *moved))
+    in_flights: Sequence[NonlinearFlight | None] = flights or [None] * len(scenarios)
+    columns["corridor"] = list(map(CorridorMargin.of, scenarios, flown, pushed, in_flights))
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
         columns["passive_safety"] = _passive_safety(scenarios, states, controls, orbits, flights)
@@ -380,19 +383,21 @@ def _spending(
     def of_craft(values: OfCraft) -> list[tuple[float, ...]]:
         return [tuple(one.tolist()) for one in np.split(values, starts[1:])]
 
-    burned = along_axes = np.abs(controls).sum(axis=(1, 2))
+    along_axes = np.abs(controls).sum(axis=(1, 2))
+    burned = along_axes
     if thrust != ALONG_AXES:
         burned = np.concatenate([spent(one, thrust, s.limits) for one, s in each])
     used = np.add.reduceat(burned, starts).tolist()
-    both = zip(used, bounds, strict=True)
-    # Rounding of sums may put a bound above the fuel.
-    least = [min(b, fuel) if b <= fuel * (1 + SUM_ROUNDING) else b for fuel, (b, _) in both]
+    least = [
+        min(bound, fuel) if bound <= fuel * (1 + SUM_ROUNDING) else bound  # above it by rounding
+        for fuel, (bound, _) in zip(used, bounds, strict=True)
+    ]
     columns: Columns = {
         "fuel": used,
         "delta_v": [fuel * step for fuel in used],
         "fuel_lower_bound": least,
         "fuel_lower_bound_proof": [proof for _, proof in bounds],
-        "optimality_gap": [gap_of(*both, problem) for both in zip(used, least, strict=True)],
+        "optimality_gap": [gap_of(*one, problem) for one in zip(used, least, strict=True)],
         "craft_delta_v": of_craft(step * along_axes),
         "craft_delta_v_2norm": of_craft(step * norm(controls).sum(axis=1)),
     }
@@ -465,9 +470,8 @@ def _least(
         each = [None if alike else participants([one]) for one in scenarios]
         return list(map(in_flight, flights, each))
 
-    closest = clear = least(alike=True)
-    if any(one.sized for one in scenarios):
-        clear = least(alike=False)
+    closest = least(alike=True)
+    clear = least(alike=False) if any(one.sized for one in scenarios) else closest
     return closest, list(map(Clearance.of, clear, scenarios))
 
 

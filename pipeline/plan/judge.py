@@ -49,11 +49,15 @@ def planned_all(
     *,
     as_flown: bool = False,
 ) -> list[Plan]:
-    """The plans of controls for scenarios of one problem: in linear motion, or as flown."""
+    """The plans of a planner's controls for scenarios of one problem, with their status.
+
+    As flown, they are flown about the problem's reference orbit; else motion is linear.
+    """
     if not scenarios:
         return []
     started, problem = perf_counter(), shared_problem(scenarios)
-    controls, flights = np.concatenate([one.controls for one in made]), []
+    controls = np.concatenate([one.controls for one in made])
+    flights = []
     if as_flown:
         both = zip(scenarios, made, strict=True)
         flights = [NonlinearFlight(s.initial, one.controls, problem) for s, one in both]
@@ -65,12 +69,22 @@ def planned_all(
     shares = [one.least_share for one in made]
     certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
-    ends, kept = np.cumsum([s.n for s in scenarios])[:-1], requirements.separation
+    ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
     plans = []
-    for scenario, one, flown, burned, found in zip(scenarios, made, *parts, strict=True):
-        so = flown, burned, found, one.convex_solves, {**one.timing, "certificate": each}
-        plan = Plan(scenario, planner, SOLVED, *so, separation=kept, as_flown=as_flown)
+    for scenario, one, flown, burned, certificate in zip(scenarios, made, *parts, strict=True):
+        plan = Plan(
+            scenario=scenario,
+            planner=planner,
+            status=SOLVED,
+            states=flown,
+            controls=burned,
+            certificate=certificate,
+            convex_solves=one.convex_solves,
+            timing={**one.timing, "certificate": each},
+            separation=requirements.separation,
+            as_flown=as_flown,
+        )
         plans.append(judged(plan))
     return plans
 
@@ -99,6 +113,7 @@ def violations(plan: Plan) -> dict[str, str]:
     """What a plan does not satisfy, in words, by requirement; NaN satisfies nothing."""
     wrong, found, problem = {}, plan.certificate, plan.scenario.problem
     radius, limit, limits = problem.collision_radius, problem.max_acceleration, plan.scenario.limits
+    used = np.abs(plan.controls).max()
     misses = {
         "goal": ("its goal", found.goal_error, found.goal_velocity_error),
         "waypoints": ("a waypoint", found.waypoint_error, found.waypoint_velocity_error),
@@ -113,7 +128,7 @@ def violations(plan: Plan) -> dict[str, str]:
         if first:
             faults = (f"craft {craft} {EXCEEDS[name]}" for name, craft in first.items())
             wrong["thrust"] = ", and ".join(faults)
-    elif limit is not None and not (used := np.abs(plan.controls).max()) <= problem.most_control:
+    elif limit is not None and not used <= problem.most_control:
         wrong["thrust"] = f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
         wrong["separation"] = _too_close(found, radius)
@@ -161,7 +176,10 @@ def _too_close_adrift(drift: PassiveSafety, problem: Problem) -> str:
 def is_safe(
     certificate: Certificate, problem: Problem, requirements: Requirements = AT_ALL_TIMES
 ) -> bool:
-    """Whether no pair comes within the collision radius, or too close by size, as is required."""
+    """Whether no pair comes within the collision radius, or too close by sizes where these differ.
+
+    At any time, or at the nodes only, as is required.
+    """
     clear = certificate.clearance
     if requirements.at_nodes or (clear is None and certificate.min_separation_bound is None):
         return certificate.node_collisions == 0

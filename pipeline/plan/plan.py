@@ -115,13 +115,13 @@ def summary(plan: Plan) -> dict[str, Any]:
     claims = {name: getattr(found, name) for name in SUMMARY}
     if plan.status == INFEASIBLE:
         claims["optimality_gap"] = None
-    inside = {name: getattr(found, name) for name in ("clearance", "corridor")}
+    optional = {"clearance": found.clearance, "corridor": found.corridor}
     return {
         "planner": plan.planner,
         "status": plan.status,
         "message": plan.message,
         **claims,
-        **{name: asdict(one) for name, one in inside.items() if one},
+        **{name: asdict(one) for name, one in optional.items() if one},
         "passive_safety": found.passive_safety and found.passive_safety.document(),
         "seconds": plan.timing.get("plan", 0.0) + plan.timing.get("certificate", 0.0),
         "risk": found.risk and asdict(found.risk),
@@ -133,7 +133,7 @@ def summary(plan: Plan) -> dict[str, Any]:
 
 
 def _shares(plan: Plan) -> tuple[float, ...]:
-    """Share that each craft burns of the Δv it has left; none where that has no limit."""
+    """Share that each craft burns of the Δv it has left; empty where no craft has a limit."""
     found, limits = plan.certificate, plan.scenario.limits
     if limits is None or not np.isfinite(limits.delta_v).any():
         return ()

@@ -19,12 +19,17 @@ from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
 SAME_RISK = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
-# Claims that must be what is found, with their units; of each craft, as shares of the whole Δv
-SAME = (
-    *(("fuel", " m/s²"), ("delta_v", " m/s"), ("node_collisions", "")),
-    *(("largest_share.share", ""), ("largest_share.craft", "")),
-    *(("smallest_burn.least", " m/s"), ("smallest_burn.asked", " m/s")),
-)
+# Claims that must be what is found, with their units
+SAME = {
+    "fuel": " m/s²",
+    "delta_v": " m/s",
+    "node_collisions": "",
+    "largest_share.share": "",
+    "largest_share.craft": "",
+    "smallest_burn.least": " m/s",
+    "smallest_burn.asked": " m/s",
+}
+# Claims of each craft, m/s, which may differ by a share of the Δv of all craft
 OF_CRAFT = ("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters")
 # Least distances that may not be claimed larger than they are found, nor may the bounds below them
 DISTANCES = (
@@ -59,8 +64,8 @@ def recheck(claimed: Plan) -> Rechecked:
     bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
     share = said.largest_share.bound if said.largest_share else 0.0
     made = Made(claimed.controls, *bound, claimed.convex_solves, least_share=share)
-    asked = claimed.scenario, made, claimed.requirements
-    flown = planned(claimed.planner, *asked, as_flown=claimed.as_flown)
+    scenario, requirements = claimed.scenario, claimed.requirements
+    flown = planned(claimed.planner, scenario, made, requirements, as_flown=claimed.as_flown)
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -107,10 +112,11 @@ def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> It
 
 def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
     """Claims of what is burned, by the swarm and by each craft, and of collisions at nodes."""
-    for name, unit in SAME:
-        part = name.partition(".")[0]
-        if getattr(found, part) is not None:
-            theirs = nan if getattr(said, part) is None else _field(said, name) or 0.0
+    for name, unit in SAME.items():
+        whole = name.partition(".")[0]
+        if getattr(found, whole) is not None:
+            # A claim that is missing is NaN, and the least of no burns 0.
+            theirs = nan if getattr(said, whole) is None else _field(said, name) or 0.0
             ours = _field(found, name) or 0.0
             if not abs(theirs - ours) <= RELATIVE * abs(ours):
                 yield name, theirs, ours, unit

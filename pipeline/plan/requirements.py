@@ -139,7 +139,10 @@ AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 
 
 def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> None:
-    """Refuse a limit on the risk where sizes differ, and in closed loop beside other limits."""
+    """Raise InputError for a limit on the risk where sizes differ, or there are corridors.
+
+    In closed loop also where there are other limits of thrust, or waypoints.
+    """
     if closed_loop and any(one.limits is not None for one in scenarios):
         raise InputError(
             "a risk is asked for in closed loop, and the scenario says more of thrust than "

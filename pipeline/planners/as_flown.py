@@ -82,7 +82,8 @@ class AsFlown(PlannerWrapper):
         started, planning, more = perf_counter(), linear.timing.get("plan", 0.0), np.zeros(2)
         dear, solves = linear.certificate.optimality_gap + MOST_FUEL_ADDED, linear.convex_solves
         passed = _passed(linear)
-        best = plan = _corrected(scenario, linear, self.requirements, passed)
+        plan = _corrected(scenario, linear, self.requirements, passed)
+        best = plan
         for tried in range(MOST_PLANS - 1):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear
             if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
@@ -98,8 +99,10 @@ class AsFlown(PlannerWrapper):
         return replace(best, convex_solves=solves, timing=timing)
 
     def _again(self, plan: Plan, linear: Plan, passed: Waypoints, more: Values) -> Plan:
-        """A new linear plan with more room, m, for goals shifted by what a flight adds."""
-        # Or for the goals themselves where there is none; who goes where and when stays as it is.
+        """A new linear plan with more room, m, for goals shifted by what a flight adds.
+
+        For the goals themselves where none is found; who goes where and when stays as it is.
+        """
         planner = self.planner
         if isinstance(planner, GoalAssignment):
             planner = planner.planner

@@ -138,8 +138,8 @@ class _Subproblem:
 
     def bounds_without(self, costs: Float[Array, "n n"]) -> OfCraft:
         """For each craft, a lower bound on the cost of the part where it takes another goal."""
-        # It needs another goal, and its goal another craft; by the reduced costs, none of which is
-        # negative, either adds the least that is left to it. Kept craft have no bound.
+        # The craft needs another goal, and its goal another craft; by the reduced costs, none of
+        # which is negative, either adds the least that is left to it. Kept craft have no bound.
         left, slots = self.costs(costs), np.array(self.slots[self.kept :])
         own = np.arange(len(slots))
         chosen = left[own, slots]

@@ -66,14 +66,17 @@ def certified(
     answer: Callable[[Batch], Controls],
     requirements: Requirements,
 ) -> list[Plan]:
-    """Plans of the controls, m/s², that a planner answers; INFEASIBLE where that is proven."""
+    """Plans of the controls, m/s², that a planner answers; INFEASIBLE where there is provably none.
+
+    The answer has the controls of all their craft, one after the other, which meet the goals.
+    """
     if not scenarios:
         return []
     started, batch = time.perf_counter(), Batch(scenarios)
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
     made = [
-        Made(controls[craft], *batch.bound(k), 0, timing, batch.least_share(craft))
+        Made(controls[craft], *batch.bound(k), timing=timing, least_share=batch.least_share(craft))
         for k, craft in enumerate(batch.craft)
     ]
     plans = planned_all(planner, scenarios, made, requirements)

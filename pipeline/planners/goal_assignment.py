@@ -105,8 +105,10 @@ class _Candidates:
             self.first = next(ranked(self.allowed), None)
 
     def others(self) -> list[Slots]:
-        """Assignments that may be better than the first's plan: the next best, and the given."""
-        # None where that plan is safe and not dear, and none whose decoupled costs are more.
+        """Assignments that may be better than the first's plan: the next best, and the given one.
+
+        Empty where that plan is safe and not dear; none has decoupled costs above that plan's fuel.
+        """
         if self.first is None:
             return []
         craft, least = range(self.scenario.n), _fuel(self.tried[self.first])

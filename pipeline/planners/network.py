@@ -122,8 +122,8 @@ def _where_unsafe(
 def check_problem(model: TrainedNetwork, problem: Problem, where: str) -> None:
     """Refuse a problem of another orbit or time grid than the model's with an InputError.
 
-    It says ``where`` the problem is from. Collision radius and thrust limit may differ, and a
-    refiner plans any problem.
+    The message says ``where`` the problem is from. Collision radius and thrust limit may differ,
+    and a refiner plans any problem.
     """
     if model.architecture != REFINER and (field := _other_field(model, problem)):
         there, known = (_written(getattr(one, field)) for one in (problem, model.problem))

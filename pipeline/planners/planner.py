@@ -44,7 +44,10 @@ class PlannerWrapper:
 
 
 def requiring(planner: Planner, requirements: Requirements) -> Planner:
-    """The same planner, or the one in it, with other requirements; no dataclass stays as it is."""
+    """The same planner with other requirements; itself where it is no dataclass.
+
+    A planner that wraps another one has its requirements from that one.
+    """
     if not is_dataclass(planner):
         return planner
     parts = {field.name: getattr(planner, field.name) for field in fields(planner)}

@@ -17,7 +17,7 @@ TABLE = '<div class="table" role="region" aria-label="table" tabindex="0">\n<tab
 FIGURE = re.compile(r"!\[(?P<label>[^]]*)\]\((?P<src>[^)]*)\)")
 """The beginning of a paragraph that is a figure; the rest of it is the caption."""
 
-HTML = Markup(
+FIGURE_HTML = Markup(
     '<figure>\n<img alt="{label}" src="data:image/svg+xml;base64,{data}">\n'
     "<figcaption>{caption}</figcaption>\n</figure>\n"
 )
@@ -38,7 +38,7 @@ def html_page(title: str, markdown: str, pictures: Mapping[str, bytes]) -> str:
             caption = Markup(parser.renderInline(inline.content[found.end() :]))
             data = base64.b64encode(pictures[found["src"]]).decode()
             opened.type = inline.type = closed.type = "html_block"
-            inline.content = HTML.format(label=found["label"], data=data, caption=caption)
+            inline.content = FIGURE_HTML.format(label=found["label"], data=data, caption=caption)
     contents = _numbered_headings(tokens)
     body = parser.renderer.render(tokens, parser.options, {})
     # The body comes out of the parser, which escapes what the text contains.

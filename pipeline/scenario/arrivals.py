@@ -33,7 +33,7 @@ class Arrivals:
         return len(self.miss)
 
     def __getitem__(self, craft: Any) -> "Arrivals":
-        """Those of some craft."""
+        """The arrivals of some craft."""
         rows = {name: getattr(self, name)[craft] for name in ("miss", "wanted", "asked")}
         return replace(self, **rows)
 

@@ -129,11 +129,18 @@ class ScenarioDocument(
         """The scenario that the fields describe."""
         orbit = None if self.orbit is None else self.orbit.orbit()
         given = orbit.mean_motion if orbit else self.mean_motion
-        mean_motion = given or mean_motion_at(self.altitude or 0.0)
-        grid, limits = (self.time_step, self.nodes), (self.collision_radius, self.max_acceleration)
-        pointed = self.max_acceleration_norm, self.min_delta_v
-        thrust = Thrust(self.thrust, *pointed, self.no_burn, self.objective)
-        problem = Problem(mean_motion, *grid, *limits, orbit, thrust)
+        thrust = Thrust(
+            self.thrust, self.max_acceleration_norm, self.min_delta_v, self.no_burn, self.objective
+        )
+        problem = Problem(
+            mean_motion=given or mean_motion_at(self.altitude or 0.0),
+            time_step=self.time_step,
+            nodes=self.nodes,
+            collision_radius=self.collision_radius,
+            max_acceleration=self.max_acceleration,
+            orbit=orbit,
+            thrust=thrust,
+        )
         where = None if self.reference is None else Reference(**self.reference.model_dump())
         return Scenario(
             problem,

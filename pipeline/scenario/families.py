@@ -169,7 +169,8 @@ def _redrawn(
     """The first formation of each draw that is safe; ``make`` draws those of some of them."""
     found: dict[int, Formation] = {}
     for _ in range(REDRAWS):
-        states = make(left := [k for k in range(count) if k not in found])
+        left = [k for k in range(count) if k not in found]
+        states = make(left)
         found |= {left[k]: states[k] for k in np.flatnonzero(safe(states))}
         if len(found) == count:
             return np.stack([found[k] for k in range(count)])
@@ -247,7 +248,7 @@ def _coplanar_split(draws: Draws, problems: Problems) -> list[Ends]:
 
 
 def _tilt_split(draws: Draws, problems: Problems) -> list[Ends]:
-    """A 200 m ring to two such rings of tilt ±45°; at a cross phase of 0 Figure 1, right."""
+    """A 200 m ring to two such rings of tilt ±45° (at a cross phase of 0: Figure 1, right)."""
     return _split(draws, problems, (200.0, 200.0), (TILT, -TILT))
 
 

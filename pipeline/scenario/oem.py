@@ -91,7 +91,8 @@ class Ephemeris:
         """The state so many seconds after an epoch, m and m/s; InputError where there is none."""
         asked = f"{(epoch + timedelta(seconds=seconds)):%Y-%m-%dT%H:%M:%S.%fZ}"
         for segment in self.segments:
-            time, (begin, end) = (epoch - segment.base).total_seconds() + seconds, segment.window
+            time = (epoch - segment.base).total_seconds() + seconds
+            begin, end = segment.window
             if not begin - SAME <= time <= end + SAME:
                 continue
             if (state := segment.state(time)) is None:

@@ -19,12 +19,12 @@ REACHABLE = "within reach"  # the rule
 MARGIN = 1e-6  # share of a need that is left to rounding
 TIME = "give more time by time_step or nodes"
 
-Fault = tuple[Case, str]  # and its cure
+Fault = tuple[Case, str]  # a fault and its cure
 
 
 @dataclass(frozen=True)
 class Need:
-    """Of one kind of limit the least with which each craft can make its transfer."""
+    """The least limit of one kind with which each craft can make its transfer."""
 
     name: str
     unit: str
@@ -39,13 +39,15 @@ def reachable(scenario: Scenario) -> Diagnostic:
         return _within_max_acceleration(scenario)
     needs = _needs(scenario, limits)
     found = list(_faults(scenario, limits, needs))
-    cases, cures = [case for case, _ in found], dict.fromkeys(cure for _, cure in found)
-    wrong, fine = "needs of thrust or Δv that are not met", "" if cases else _most_strained(needs)
-    return diagnostic_of(REACHABLE, "transfer", cases, wrong, "; or ".join(cures), fine)
+    cases = [case for case, _ in found]
+    cure = "; or ".join(dict.fromkeys(cure for _, cure in found))
+    wrong = "needs of thrust or Δv that are not met"
+    fine = "" if cases else _most_strained(needs)
+    return diagnostic_of(REACHABLE, "transfer", cases, wrong, cure, fine)
 
 
 def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
-    """The same where max_acceleration is the only limit, or there is none."""
+    """Whether each craft can reach its goal where no limit but max_acceleration is given."""
     limit = scenario.problem.max_acceleration
     least = least_limits(scenario.initial, scenario.goal, scenario.problem)
     most = int(least.argmax())

@@ -147,7 +147,7 @@ class Scenario:
 
     @property
     def radii(self) -> OfCraft:
-        """Of each craft, m: half the collision radius where it has none of its own."""
+        """Radius of each craft, m: half the collision radius where it has none of its own."""
         given = [one.radius for one in self.craft] or [None] * self.n
         half = self.problem.collision_radius / 2
         return np.array([half if one is None else one for one in given])

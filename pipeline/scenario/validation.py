@@ -159,8 +159,8 @@ def _at(scenario: Scenario, end: str, i: int, j: int) -> str:
 def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = False) -> Diagnostic:
     """Whether craft do not drift along-track: by Eq. 3, or about an orbit by Kepler and J2.
 
-    By Eq. 3 a craft drifts by -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch. Where
-    drift is meant it is no fault.
+    By Eq. 3 a craft drifts at -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch ẏ + 2e x.
+    Where drift is ``meant`` it is no fault.
     """
     e, columns = problem.mean_motion, {}
     if problem.orbit is None:

@@ -89,10 +89,13 @@ def closest_pair(
 ) -> tuple[float, int, int, float] | None:
     """Distance (m), craft and time (s) of the two that must be closest, by radii, at one node."""
     timed = [one for one in waypoints if one.time is not None]
-    craft, places = (np.array([getattr(w, name) for w in timed]) for name in ("craft", "position"))
-    nodes, found = np.array([one.node(problem) for one in timed]), []
+    craft = np.array([one.craft for one in timed])
+    places = np.array([one.position for one in timed])
+    nodes = np.array([one.node(problem) for one in timed])
+    found = []
     for k, one in enumerate(timed):
-        if len(others := k + 1 + np.flatnonzero(nodes[k + 1 :] == nodes[k])):
+        others = k + 1 + np.flatnonzero(nodes[k + 1 :] == nodes[k])
+        if len(others) > 0:
             apart = np.linalg.norm(places[others] - places[k], axis=1)
             least = int((apart - radii[craft[others]]).argmin())
             other = int(craft[others[least]])
@@ -101,7 +104,10 @@ def closest_pair(
 
 
 def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
-    """Candidate nodes of one craft's waypoints; of many, some more than MOST_CHOICES."""
+    """Candidate nodes of one craft's waypoints, one after the other.
+
+    All of them, or of more than MOST_CHOICES somewhat more than so many.
+    """
     latest: list[int] = []
     last = problem.intervals
     for one in reversed(waypoints):  # the node of each that leaves room for those after it

@@ -187,7 +187,7 @@ class Written:
 
     digest: str
     stamp: Stamp | None
-    said: Sequence[str] = ()  # that people should know
+    said: Sequence[str] = ()  # sentences for the user
 
 
 def write(folder: Folder, name: str, content: bytes, outgrown: str = "") -> Written:
@@ -195,7 +195,8 @@ def write(folder: Folder, name: str, content: bytes, outgrown: str = "") -> Writ
 
     A file of the digest ``outgrown`` is overwritten instead.
     """
-    digest, there, said = shards.digest_of(content), folder.exists(name), []
+    digest, there = shards.digest_of(content), folder.exists(name)
+    said = []
     if not (there and _holds(folder, name, digest)):
         if there and not (outgrown and _holds(folder, name, outgrown)):
             said.append(set_aside(folder, name))
@@ -246,7 +247,8 @@ def write_shards(
     ``make`` gets a task and the content of the shard, if any, that is its ``source``.
     """
     progress.expect(sum(len(task.rows) for task in tasks))
-    known = [(task, name := source(task), ledger.shards.get(name, "")) for task in tasks]
+    sources = zip(tasks, map(source, tasks), strict=True)
+    known = [(task, name, ledger.shards.get(name, "")) for task, name in sources]
     function = partial(_made, make)
     made = work_on(ledger.folder, workers, function, known, _read, progress, _written)
     with closing(made) as results:

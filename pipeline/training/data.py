@@ -60,8 +60,12 @@ def joined(first: ExampleSource, second: Examples) -> ExampleSource:
         return replace(first, count=both, part_count=last + 1, read=read)
     assert first.states is not None, "those of a dataset are solved"
     none = np.full((len(second), *first.states.shape[1:]), np.nan)
-    pairs = (first.initial, second.initial), (first.goal, second.goal), (first.states, none)
-    return Examples(first.problem, *map(np.concatenate, pairs))
+    return Examples(
+        first.problem,
+        np.concatenate([first.initial, second.initial]),
+        np.concatenate([first.goal, second.goal]),
+        np.concatenate([first.states, none]),
+    )
 
 
 def sources(
@@ -110,7 +114,7 @@ class Prepared:
         return Prepared({name: t.index_select(0, rows) for name, t in self.tensors.items()})
 
     def joined(self, other: "Prepared") -> "Prepared":
-        """These and others after them."""
+        """These instances and others after them."""
         return Prepared({k: torch.cat([t, other.tensors[k]]) for k, t in self.tensors.items()})
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator["Prepared"]:

@@ -32,11 +32,11 @@ NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
 STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
 
-STRETCHES = 6  # parts of an interval on which the search for its closest approach goes straight
+STRETCHES = 6  # parts of an interval, in which motion counts as straight at the search's start
 NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
 
-# Ratio of squared distances up to which a step is taken though it may not be better, or rounding
-# would decide when the closest approach is, and that to a ten-millionth only
+# Ratio of the squared distances after and before a Newton step up to which the step is taken: a
+# smaller difference is rounding, by which the time would be known to a ten-millionth only
 EQUAL = 1 + 1e-12
 
 THIRD = 1.0 / 3.0
@@ -84,7 +84,7 @@ def in_units(states: EndStates, radius: Float[Any, "b"], problem: Problem) -> Fl
 
 
 def per_step(problem: Problem) -> Float[Array, "6"]:
-    """Factors that turn m and m/s into lengths, and their inverses those into these."""
+    """Factors that turn a state in m and m/s into lengths: 1 for positions, Δt for velocities."""
     return np.repeat([1.0, problem.time_step], 3)
 
 
@@ -181,7 +181,7 @@ def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, Vectors]:
     """Distance and unit normal of each pair; where they touch, any normal across their motion."""
     gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
-    # Gradients do not turn a normal that is no gap's.
+    # No gradient turns the normal of craft that touch.
     along = _unit(where(touching, lambda: _across(velocities(constant(ends), share)), gap))
     return (gap * along).sum(axis=1), along
 
@@ -253,10 +253,11 @@ def _length(vector: Vectors) -> Float[Any, "L 1"]:
 @no_type_check
 @njit(cache=True)
 def nearest(states, first, second, interval, within, moved, share, distance, turns):
-    """The closest approach of pairs of craft in intervals, (k,) each, as ``EncounterGeometry``.
+    """The closest approach of pairs of craft in intervals, (k,) each, into the last three arrays.
 
-    Node states are (N, T, 6). Results of pairs of which neither craft has ``moved``, (N,), stay;
-    share and distance are 0 and infinite where it is sure to be beyond ``within``.
+    Those are as in ``EncounterGeometry``. Node states are (N, T, 6), lengths in r_col. Results of
+    pairs of which neither craft has ``moved``, (N,), stay; where the pair surely stays beyond
+    ``within``, share and distance are 0 and infinite.
     """
     motion = np.empty((4, 3))
     for k in range(len(first)):
@@ -274,9 +275,10 @@ def nearest(states, first, second, interval, within, moved, share, distance, tur
 @no_type_check
 @njit(cache=True)
 def close_pairs(states, n, within):
-    """All pairs of swarms of n craft, and intervals in which they come within a distance.
+    """All pairs of the same swarm of n craft, and intervals in which they come within a distance.
 
-    Node states are (N, T, 6), distances (N / n,); the result, (3, k), has both craft and interval.
+    Node states are (N, T, 6), distances, one for each swarm, (N / n,). The result, (3, k), is first
+    craft, second craft and interval.
     """
     found, count = np.empty((3, AT_FIRST), np.int64), 0
     motion = np.empty((4, 3))
@@ -303,8 +305,8 @@ def close_pairs(states, n, within):
 def stays_beyond(one, other, t, within):
     """Whether two craft certainly stay beyond a distance in an interval.
 
-    The cubic lies among its four Bézier control points; where these are beyond a plane at that
-    distance, across the middle of both ends, so is the cubic.
+    Relative motion is a cubic, and lies within the hull of its four Bézier control points; where
+    these are beyond a plane at that distance, across the mean of both ends, so is the cubic.
     """
     begin, leave, come, end, length = 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(3):

@@ -367,20 +367,21 @@ class TrainedRefiner:
     def controls(
         self, initial: EndStates, goal: EndStates, radius: PerSwarm
     ) -> Float[Array, "b n intervals 3"]:
-        """Controls of swarms that fit in memory together, with a collision radius, m, of each.
+        """Controls, m/s², of swarms that fit in memory together, with a collision radius of each.
 
-        With a ``device`` all is in float64, weights too, and several swarms are planned there;
-        InputError where it is not available.
+        States are in m and m/s, radii in m. With a ``device`` all is in float64, weights too, and
+        several swarms are planned there; InputError where it is not available.
         """
-        weights, ends = self.weights, (initial, goal, radius)
+        weights = self.weights
         if self.device is not None and weights is not None:
             weights = {name: values.astype(np.float64) for name, values in weights.items()}
         if self.device is None or len(initial) <= 1:
-            controls, _ = cheapest_safe(weights, problem_data(self.problem, *ends), self.rounds)
+            data = problem_data(self.problem, initial, goal, radius)
+            controls, _ = cheapest_safe(weights, data, self.rounds)
         else:
             from pipeline.networks.refiner.tensors import planned_on
 
-            controls = planned_on(replace(self, weights=weights), *ends)
+            controls = planned_on(replace(self, weights=weights), initial, goal, radius)
         unit = plain(radius) / self.problem.time_step**2
         return controls.reshape(*initial.shape[:2], -1, 3) * unit[:, None, None, None]
 

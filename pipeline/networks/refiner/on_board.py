@@ -27,7 +27,7 @@ from pipeline.orbit.problem import Problem
 
 # Inputs and outputs of steps, and the steps.
 
-TOLD = "told_"  # begins the name of what the other side told, before the name that it has there
+TOLD = "told_"  # prefix of what the other side of an encounter told, to its name on that side
 
 NEW = "new_"  # begins the name of an output that takes the place of the input of the same name
 

@@ -36,7 +36,8 @@ SIZES = (2, 10, 30)  # swarm sizes that are flown
 DRAWS = 2  # swarms of each
 
 AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``on_board.VALUES``
-Run = Callable[[str, AgentMemory], Mapping[str, Any]]  # outputs by name of the step of a name
+# Runs the step of a name on what one craft knows, and gives its outputs by name
+Run = Callable[[str, AgentMemory], Mapping[str, Any]]
 # One side of an encounter: a craft, the place among its encounters, the craft met, the place there
 Edge = tuple[int, int, int, int]
 
@@ -163,8 +164,17 @@ def check(folder: Path, model: Model) -> ExportedCraft:
     content = {name: file_of(folder, name).read_bytes() for name in on_board.STEPS}
     kib = {name: len(graph) / 1024 for name, graph in content.items()}
     digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
-    told, measured = on_board.told_each_round(network.message), (run.encounters, difference)
-    return ExportedCraft(folder, kib, digests, told, len(compared), ties, *measured, seconds)
+    return ExportedCraft(
+        folder=folder,
+        kib=kib,
+        sha256=digests,
+        told=on_board.told_each_round(network.message),
+        swarms=len(compared),
+        ties=ties,
+        encounters=run.encounters,
+        difference=difference,
+        seconds=seconds,
+    )
 
 
 def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Discrepancy:
@@ -214,8 +224,8 @@ def export_craft(
     with scratch_folder() as temporary:
         for name, step in on_board.STEPS.items():
             described = {"schema": SCHEMA, "step": name, "tells": step.tells, **(about or {})}
-            made, path = step(network, model.problem), file_of(temporary, name)
-            _write(made, network.message, path, described)
+            made = step(network, model.problem)
+            _write(made, network.message, file_of(temporary, name), described)
         exported = check(temporary, model)
         for name in on_board.STEPS:
             with published(file_of(folder, name)) as path:

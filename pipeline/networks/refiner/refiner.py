@@ -114,8 +114,9 @@ class Refiner:
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
         """Ends, m and m/s, collision radii, m, and those to which they may be raised."""
-        radius, every = swarms.collision_radius, torch.cat([swarms.initial, swarms.goal])
-        apart = [drift_separations(k.numpy(), swarms.problem) for k in torch.split(every, AT_ONCE)]
+        radius = swarms.collision_radius
+        ends = torch.split(torch.cat([swarms.initial, swarms.goal]), AT_ONCE)
+        apart = [drift_separations(some.numpy(), swarms.problem) for some in ends]
         closest = torch.from_numpy(np.concatenate(apart)).reshape(2, -1).amin(dim=0)
         most = (closest / CROWDED).clamp(min=radius, max=RAISED * radius)
         return {"initial": swarms.initial, "goal": swarms.goal, "radius": radius, "most": most}
@@ -125,8 +126,9 @@ class Refiner:
     ) -> Float[Tensor, ""]:
         """Log of fuel over the lower bound plus separation shortfall, averaged over rounds."""
         settings = LossSettings.model_validate(dict(recipe.options))
-        given = _augmented(batch)
-        data, terms = model.problem_data(encoding.problem, *given, given[0].device), []
+        initial, goal, radius = _augmented(batch)
+        data = model.problem_data(encoding.problem, initial, goal, radius, initial.device)
+        terms = []
         now, weights = model.start(data), network.weights
         for number in range(settings.rounds):
             now = model.run_round(weights, data, now, number)
@@ -154,9 +156,11 @@ class Refiner:
         self, network: MessagePassing, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ 3"]:
         """The cheapest safe iterate of each swarm, or else the last, m/s²."""
-        how = network.arrays, network.rounds, swarms.problem, "", swarms.device
-        ends = swarms.initial, swarms.goal, swarms.collision_radius
-        return torch.from_numpy(model.TrainedRefiner(*how).controls(*ends))
+        trained = model.TrainedRefiner(
+            network.arrays, network.rounds, swarms.problem, digest="", device=swarms.device
+        )
+        found = trained.controls(swarms.initial, swarms.goal, swarms.collision_radius)
+        return torch.from_numpy(found)
 
 
 def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Tensor, "b"]:
@@ -168,7 +172,7 @@ def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Ten
 def _augmented(
     batch: TensorBatch,
 ) -> tuple[Float[Tensor, "b n 6"], Float[Tensor, "b n 6"], Float[Tensor, "b"]]:
-    """Augmentation: ends mirrored or reversed, as linear motion may be, and radii raised."""
+    """Ends mirrored or reversed at random, which linear motion allows, and radii raised."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least)
     behind, mirror = 1 - 2 * torch.bernoulli(radius.new_full((2, len(radius)), 0.5))

@@ -51,7 +51,8 @@ class Encounters(geometry.Encounters):
         ends = self.relative(states)
         if before is None or moved is None:
             moved = torch.ones_like(states[:, 0, 0], dtype=torch.bool)
-            before = geometry.EncounterGeometry(within, within, within > 0)  # is not kept
+            # Of the right shapes and types alone: none of it is kept, as all craft have moved.
+            before = geometry.EncounterGeometry(within, within, within > 0)
         looked = moved[self.first] | moved[self.second]
         share, turning = before.share.masked_fill(looked, 0.0), before.turns & ~looked
         distance = before.distance.masked_fill(looked, torch.inf)
@@ -300,7 +301,7 @@ class Tableau(NamedTuple):
 
 
 def _along(values: Tensor, index: Int[Tensor, "C k"]) -> Tensor:
-    """Of each program's rows, the entries in some columns."""
+    """The entries of each program's rows in some columns."""
     return values.gather(2, index[:, None].expand(-1, values.shape[1], -1))
 
 
@@ -381,9 +382,9 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
 def planned_on(
     trained: model.TrainedRefiner, initial: EndStates, goal: EndStates, radius: PerSwarm
 ) -> Float[Array, "N m"]:
-    """Controls of all craft as by ``model.cheapest_safe``, r_col/Δt², planned on its device.
+    """Controls of all craft as by ``model.cheapest_safe``, r_col/Δt², on the refiner's device.
 
-    InputError where it is not available, or has too little memory.
+    InputError where that is not available, or has too little memory.
     """
     device, weights = trained.device or "cpu", trained.weights
     try:
