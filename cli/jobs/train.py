@@ -114,12 +114,12 @@ def train_models(
     connect()
     made_by = with_architectures(TRAINED_BY, (task.arch for task in asked))
     one = partial(training.train_in_worker, made_by, made_with(*made_by))
-    done: dict[int, tuple[ModelVersion, pd.DataFrame]] = {}
+    done: dict[tuple[str, int], tuple[ModelVersion, pd.DataFrame]] = {}
     with closing(workers.work(one, asked, lambda _: None, progress)) as results:
         for task, finished in results:
-            done[asked.index(task)] = _record(task, finished), finished.trials
+            done[task.arch, task.seed] = _record(task, finished), finished.trials
             progress.done(note=f"{task.arch}, seed {task.seed}")
-    found = [(*done[k], task.settings.data) for k, task in enumerate(asked)]
+    found = [(*done[task.arch, task.seed], task.settings.data) for task in asked]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 

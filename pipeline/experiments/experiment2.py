@@ -145,7 +145,7 @@ def fuel_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether LSTMs burn less than feed-forward networks, in the largest swarm and at n = 10."""
     asked = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
     families, sizes = (RECURRENT, FEED_FORWARD), (paper.NETWORK_SIZE,)
-    return _on_families(summary, asked, "fuel", QUANTITIES["fuel"], families, sizes)
+    return _on_families(summary, asked, "fuel in m/s²", QUANTITIES["fuel"], families, sizes)
 
 
 def _on_families(

@@ -128,16 +128,16 @@ def text_bytes(content: bytes, schema: pa.Schema) -> int:
 
 
 def _refuse_larger(file: pq.FileMetaData, most: Size) -> None:
-    groups = [file.row_group(k) for k in range(file.num_row_groups)]
+    groups = [file.row_group(k) for k in range(min(file.num_row_groups, most.rows + 1))]
     columns = range(file.num_columns)
-    rows = sum(group.num_rows for group in groups)
     values = max((sum(g.column(k).num_values for g in groups) for k in columns), default=0)
     stored = sum(group.total_byte_size for group in groups)
     room = file.num_columns * (most.rows * ROW_BYTES + most.values * VALUE_BYTES)
-    if rows > most.rows or values > most.values or stored > room:
+    found = max([file.num_rows, file.num_row_groups, sum(g.num_rows for g in groups)])
+    if found > most.rows or values > most.values or stored > room:
         raise InputError(
-            f"holds {rows} rows of up to {values} numbers in {stored} bytes; expected at most "
-            f"{most.rows} rows and {most.values} numbers"
+            f"holds {file.num_rows} rows of up to {values} numbers in {stored} bytes; expected at "
+            f"most {most.rows} rows and {most.values} numbers"
         )
 
 
