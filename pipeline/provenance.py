@@ -67,7 +67,7 @@ def _meaning(source: bytes) -> bytes:
 
 
 def _described(tree: ast.Module) -> Iterator[str]:
-    """The nodes of a syntax tree with their fields, level by level: no two trees give the same."""
+    """A syntax tree as lines of text, different for different trees: nodes and fields by level."""
     # Absent fields are left out, as later Pythons do.
     for node in ast.walk(tree):
         yield type(node).__name__

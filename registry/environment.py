@@ -34,7 +34,7 @@ EVALUATED_BY: DecidedBy = (
 
 
 def with_architectures(decided_by: DecidedBy, names: Iterable[str]) -> DecidedBy:
-    """What decides a result of networks, with the code of third-party architectures among them."""
+    """The code and packages that decide results, third-party architectures among them."""
     parts, packages = decided_by
     return parts, (*packages, *code_of_others(names))
 

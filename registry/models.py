@@ -137,7 +137,7 @@ def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVers
 
 
 def resolve(reference: str) -> ModelVersion:
-    """The version that a reference means.
+    """The registered version that a reference names.
 
     ``lstm2`` is the champion of prolearn-lstm2, ``lstm2:paper`` its newest version trained by
     that recipe, ``lstm2@ALIAS`` and ``lstm2/3`` one version; the registered name

@@ -105,9 +105,10 @@ def record_training(
     dataset: DatasetInfo,
     metrics: Mapping[str, SupportsFloat] | None = None,
 ) -> models.ModelVersion:
-    """Record a training and register its network as ``prolearn-<arch>``, the first as champion.
+    """Record a training in MLflow and register its network as a version of ``prolearn-<arch>``.
 
-    Where the store fails, the network is kept in ``unregistered/``, as the ProlearnError says.
+    The first version becomes the champion. Where the store fails, the network is kept in
+    ``unregistered/``, as the ProlearnError says.
     """
     with scratch_folder() as scratch:
         folder = scratch / "network"

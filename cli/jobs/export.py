@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.files import write_text
+from pipeline.files import refuse_unwritable, write_text
 from pipeline.markup import Markdown, code, formatted, table, template
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
@@ -70,21 +70,24 @@ def export(
         "units": {"states": "m, m/s", "controls": "m/s^2"},
     }
     path = out or Path(file_name(version))
+    supervised = None if model.architecture == REFINER else version
+    if supervised is None and path.suffix == ".onnx":
+        path = path.with_suffix("")
+    card = path.with_name(path.name + ".md")
+    refuse_unwritable(card)  # before tracing, which takes up to a minute
     made: Exported | ExportedCraft
-    if version is None or model.architecture == REFINER:
+    if supervised is None:
         if n is not None or flown:
             raise InputError(
                 f"--n or --flown is given for {version.name if version else PACKAGED}; expected "
                 "neither: its files are for one craft of any swarm, and give controls to be flown."
             )
-        path = path.with_suffix("") if path.suffix == ".onnx" else path
         made = export_craft(model, path, about=about)
         text = _craft_card(version, model, made, measured)
     else:
         made = export_onnx(model, path, n=n, flown=flown, about=about)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        text = _model_card(version, model, made, measured, digest)
-    card = path.with_name(path.name + ".md")
+        text = _model_card(supervised, model, made, measured, digest)
     write_text(card, text)
     return made, card
 

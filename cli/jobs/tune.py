@@ -57,7 +57,7 @@ class RecipeSearch:
 
     @property
     def made_by(self) -> DecidedBy:
-        """What decides its trials."""
+        """The code and packages whose versions decide the results of the trials."""
         return with_architectures(TRAINED_BY, [self.settings.arch])
 
     @property

@@ -37,7 +37,7 @@ VIOLATIONS = {
     "passive safety": "comes too close after a loss of thrust",
 }
 
-AT_ONCE = 100  # rows that are certified at once, which bounds memory
+AT_ONCE = 100  # rows that are certified or solved at once, which bounds memory
 
 Rows = Bool[Array, "N"]
 
@@ -118,7 +118,11 @@ def _infeasible_checks(
         return
     if np.isfinite(ends).all():
         scenarios = [Scenario(problem, *both) for both in zip(*ends, strict=True)]
-        plans = solve_many(scenarios, requirements=requirements)
+        plans = [
+            plan
+            for k in range(0, len(scenarios), AT_ONCE)
+            for plan in solve_many(scenarios[k : k + AT_ONCE], requirements=requirements)
+        ]
         yield "is not proven to be infeasible", np.array([p.status != INFEASIBLE for p in plans])
 
 

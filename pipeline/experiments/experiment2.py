@@ -156,7 +156,10 @@ def _on_families(
     families: tuple[Iterable[str], Iterable[str]],
     sizes: Sequence[int] = (),
 ) -> list[Finding]:
-    """Whether an average is lower for the first family, in the largest swarm and at some sizes."""
+    """Findings on whether an average is lower for one family of networks than for the other.
+
+    One for the largest swarm, and one for each of some other sizes.
+    """
     summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     free = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[what.average.source]

@@ -276,9 +276,10 @@ def _on_pairs(
     *,
     several: bool,
 ) -> list[Finding]:
-    """Whether values, by trial and seed, are lower for the first seed of pairs, if there are any.
+    """The finding on whether times from the first seed of each pair are lower; none without pairs.
 
-    ``shown`` is the number of each seed in the finding, s, and ``name`` what it is.
+    Values are by trial (rows) and seed (columns); ``shown`` is the number of each seed in the
+    finding, s, and ``name`` what it is.
     """
     if not pairs:
         return []

@@ -136,7 +136,7 @@ def _cases(
     in_loops: Sequence[str],
     worlds: Mapping[str, NonlinearWorld],
 ) -> Iterator[tuple[Plan, str, str, str, Loop]]:
-    """Plans of one planner for a scenario, each with its model, world, errors and loop.
+    """The flights to make of a planner: plan, model that it is made in, world, errors and loop.
 
     In the worlds ``in_loops`` they fly in all loops, with and without errors; elsewhere in open
     loop without errors.

@@ -256,7 +256,7 @@ class Group:
         return f"{begun} {asked}"
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """The rows of these planners."""
+        """The rows of a table that are about this group's planners."""
         return rows[rows["planner"].isin(self.planners)]
 
 

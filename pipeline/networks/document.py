@@ -35,7 +35,7 @@ class TrainedNetwork(Protocol):
 
     @property
     def architecture(self) -> str:
-        """Name of its architecture."""
+        """The name of the network's architecture."""
 
     @property
     def problem(self) -> Problem:

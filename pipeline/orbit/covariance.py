@@ -125,9 +125,9 @@ class Dispersion:
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:
-    """Linear covariance analysis of craft that fly controls, m/s², from any states.
+    """Linear covariance analysis: dispersions about the trajectories that controls, m/s², fly.
 
-    In open loop, or in closed loop by ``pipeline.orbit.feedback``.
+    They are the same for any initial states. In open loop, or with ``pipeline.orbit.feedback``.
     """
     noise, bias = navigation_roots(uncertainty, problem)
     burn = burn_deviation(controls, problem, uncertainty)

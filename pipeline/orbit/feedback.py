@@ -69,9 +69,10 @@ def open_loop_responses(problem: Problem) -> Responses:
 @lru_cache(maxsize=32)
 @np.errstate(under="ignore")
 def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
-    """Responses with feedback from an estimate at each node but the first, where it is the plan.
+    """Responses to errors in closed loop: feedback acts on the estimated state at each node.
 
-    A ``late`` estimate is that of the node before, carried on by what was commanded since.
+    At the first node the estimate is the planned state. A ``late`` estimate is that of the node
+    before, carried on by what was commanded since.
     """
     intervals, gains = problem.intervals, feedback_gains(problem)
     known, count = 6 * (1 + intervals), 9 * intervals + 6

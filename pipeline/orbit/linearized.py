@@ -42,7 +42,7 @@ class Arcs:
     most_fourth: Float[Array, "K 3 9"]  # likewise, of the fourth derivatives
 
     def window(self, intervals: slice) -> "Arcs":
-        """The arcs of some intervals."""
+        """The arcs of a range of intervals alone."""
         half, *others = vars(self).values()
         return Arcs(half, *(one[intervals] for one in others))
 

@@ -179,7 +179,7 @@ class CorridorMargin:
 
     @classmethod
     def in_flight(cls, found: Nearest) -> "CorridorMargin":
-        """The margin in the first trial of a flight."""
+        """The corridor margin in the first trial of a Monte Carlo flight."""
         least = found.separation()
         assert least.pair is not None and least.time is not None  # every corridor counts sometime
         return cls(least.distance, least.bound, *least.pair, least.time)
@@ -375,7 +375,7 @@ def _spending(
     bounds: Sequence[tuple[float, str]],
     least_shares: Sequence[float],
 ) -> Columns:
-    """What is burned, and how far it is from the bounds."""
+    """Fuel and Δv of swarms and craft, lower bounds, and optimality gaps."""
     problem, starts = scenarios[0].problem, _side_by_side(scenarios).starts
     thrust, step = problem.thrust, problem.time_step
     each = list(zip(np.split(controls, starts[1:]), scenarios, strict=True))

@@ -189,7 +189,7 @@ def _outside(plan: Plan) -> float:
 def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
-    """The plan whose flight meets its goals; the linear one, UNSOLVED, where none is found."""
+    """Correct a linear plan until its nonlinear flight meets the goals; UNSOLVED if it cannot."""
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     timed = replace(scenario, waypoints=passed)
     try:

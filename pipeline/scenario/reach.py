@@ -47,7 +47,7 @@ def reachable(scenario: Scenario) -> Diagnostic:
 
 
 def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
-    """Whether each craft can reach its goal where no limit but max_acceleration is given."""
+    """Whether each craft can reach its goal within max_acceleration, if that is given."""
     limit = scenario.problem.max_acceleration
     least = least_limits(scenario.initial, scenario.goal, scenario.problem)
     most = int(least.argmax())

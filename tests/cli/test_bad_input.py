@@ -121,6 +121,7 @@ CASES = {
             ["plan", "--out", "p.json", "s3://bucket/s.json"],
             ["tradeoff", "good.json", "--duration", "20..22min", "--out", "gs://b"],
             ["fly", "plan.json", "--trials", "2", "--out", "s3://b/flown"],
+            ["models", "export", "packaged", "--out", "s3://b/model"],
             ["convert", "plan.json", "--to", "csv", "--out", "s3://b/p.csv"],
             ["show", "plan.json", "--out", "https://x.org/p.html"],
         )

@@ -382,9 +382,9 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
 def planned_on(
     trained: model.TrainedRefiner, initial: EndStates, goal: EndStates, radius: PerSwarm
 ) -> Float[Array, "N m"]:
-    """Controls of all craft as by ``model.cheapest_safe``, r_col/Δt², on the refiner's device.
+    """Controls that the refiner finds on its device for all craft of several swarms, in r_col/Δt².
 
-    InputError where that is not available, or has too little memory.
+    By ``model.cheapest_safe``. InputError where that is not available, or has too little memory.
     """
     device, weights = trained.device or "cpu", trained.weights
     try:
