@@ -23,7 +23,7 @@ import typer
 
 from benchmarks.tables import Page, limited_process, renew, use_one_core
 from pipeline.expert import solve
-from pipeline.expert.limited import least_of
+from pipeline.expert.conic_decoupled import minimum_fuel_by_cones
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.scenario import Scenario, draw
@@ -67,7 +67,7 @@ def unit(scenario: Scenario) -> float:
     """Median CPU time, s, in which Clarabel finds the decoupled optimum of the first craft."""
     problem = scenario.problem
     at = arrivals_of(scenario.initial[:1], scenario.goal[:1], problem, {})
-    one = partial(least_of, at, limits_of((), 1, problem), problem)
+    one = partial(minimum_fuel_by_cones, at, limits_of((), 1, problem), problem)
     return float(np.median(repeat(one, timer=thread_time, repeat=10, number=1)))
 
 

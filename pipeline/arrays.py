@@ -1,6 +1,6 @@
 """Array types for shape annotations, ``Float[Array, "n T 6"]``, and functions for numpy and torch.
 
-Tests check the shapes. The functions let code run on both; they find torch already imported.
+Tests check the shapes. The functions run on arrays and tensors; torch is never imported here.
 """
 
 import sys
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pipeline.errors import check_kind
 
-__all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # of jaxtyping, for others to import here
+__all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # jaxtyping's, re-exported
 
 if TYPE_CHECKING:
     Array = npt.NDArray[Any]
@@ -22,8 +22,8 @@ else:
     Array = np.ndarray
     ArrayOrNumber = np.ndarray | np.generic  # which numpy gives for an array of no dimension
 
-# Where shapes are checked jaxtyping is imported first. Elsewhere annotations are what it says to a
-# type checker: its import would add some 0.05 s to every command.
+# The tests, which check shapes, import jaxtyping first. Elsewhere it is not imported, which would
+# add some 0.05 s to every command.
 if TYPE_CHECKING or "jaxtyping" in sys.modules:
     from jaxtyping import Bool, Float, Float64, Int, Shaped
 else:
@@ -33,14 +33,14 @@ else:
 
 
 def namespace(values: Any) -> Any:
-    """Library of an array: numpy or torch."""
+    """The library of an array: the numpy or the torch module."""
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
 def fields_as_python(of: Any) -> None:
     """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them.
 
-    InputError for a flag that is no boolean, or a name that is no text.
+    InputError where a boolean or text field has a value of another type.
     """
     for field in fields(of):
         given = getattr(of, field.name)
@@ -59,21 +59,21 @@ def _as_python(given: Any) -> Any:
 
 
 def plain(values: Any) -> Shaped[Array, "..."]:
-    """Contiguous numpy array of an array or tensor, detached from gradients, for compiled code."""
+    """Convert an array or tensor to a contiguous numpy array, for compiled code."""
     if isinstance(values, np.ndarray):
         return np.ascontiguousarray(values)
     return values.detach().cpu().contiguous().numpy()
 
 
 def tensor(values: Any, device: Any) -> Any:
-    """Torch tensor of an array on a device; a tensor is returned as it is."""
+    """Convert an array to a torch tensor on a device; a tensor is returned as it is."""
     if not isinstance(values, np.ndarray):
         return values
     return sys.modules["torch"].from_numpy(np.require(values, requirements="W")).to(device)
 
 
 def like(values: Any, other: Any) -> Any:
-    """Array in the library of another, numpy or torch, and on its device; without its gradient."""
+    """Convert values to the library, numpy or torch, and the device of another array."""
     if not isinstance(other, np.ndarray):
         return tensor(values, other.device)
     return plain(values) if hasattr(values, "detach") else values

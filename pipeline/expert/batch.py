@@ -188,8 +188,8 @@ def _too_close(scenario: Scenario) -> str:
     swarms = participants([scenario])
     i, j = swarms.pairs
     for end, states, node in (("start", scenario.initial, 0), ("goal", scenario.goal, last)):
-        there = swarms.beside(states[:, None], slice(node, node + 1))[..., :3]
-        apart = swarms.apart(there, there, i, j)
+        there = swarms.all_states(states[:, None], slice(node, node + 1))[..., :3]
+        apart = swarms.separations(there, there, i, j)
         k = int(apart.argmin())
         distance = float(np.linalg.norm(there[i[k], 0] - there[j[k], 0]))
         near.append((float(apart[k, 0]), distance, k, end))

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Int
 from pipeline.expert.cuts import Cuts, HalfSpaces
-from pipeline.orbit.arrays import Controls, Indices, Marked
+from pipeline.orbit.arrays import Controls, CraftMask, Indices
 
 HOPS = 2  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # share of a cluster's craft up to which only these are solved for
@@ -40,7 +40,7 @@ def groups(labels: Indices) -> list[Int[Array, "_"]]:
     return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
 
 
-def neighbourhoods(craft: Int[Array, "_"], cuts: Cuts, unsafe: Marked) -> list[Int[Array, "_"]]:
+def neighbourhoods(craft: Int[Array, "_"], cuts: Cuts, unsafe: CraftMask) -> list[Int[Array, "_"]]:
     """The connected parts of a cluster within ``HOPS`` of unsafe craft, by the cluster's cuts.
 
     None where they are most of the cluster. No cut joins craft of two parts.

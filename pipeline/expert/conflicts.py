@@ -13,17 +13,17 @@ from pipeline.expert.cuts import (
     Cuts,
     corridor_cuts,
     cuts_at,
+    cuts_of_craft,
     normals,
     passive_safety_cuts,
-    spaced_cuts,
 )
 from pipeline.orbit.approaches import PROVABLE, TOLERANCE, SwarmPartition, close_approaches
-from pipeline.orbit.arrays import Controls, Marked, Rows, States, Values
+from pipeline.orbit.arrays import Controls, CraftMask, Rows, States, Values
 from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Dispersion, Uncertainty, deviation_along, dispersion
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.risk import levels_at
+from pipeline.orbit.risk import sigma_levels
 from pipeline.plan import Requirements
 
 Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
@@ -93,7 +93,7 @@ class ConflictDetection:
     back_off: BackOff | None = None  # asked for besides, because craft err
 
     def conflicts(
-        self, flown: Trajectory, within: float, moved: Marked | None = None, beside: float = 0.0
+        self, flown: Trajectory, within: float, moved: CraftMask | None = None, beside: float = 0.0
     ) -> tuple[Cuts, Values]:
         """Cuts where craft come within a distance, and lower bounds on how close they come.
 
@@ -108,7 +108,7 @@ class ConflictDetection:
             cuts, bound = self._in_flight(flown, within, moved, beside)
         else:
             errors = self.back_off.dispersion(flown.controls, self.problem)
-            deviation = 2**0.5 * float(errors.most_deviation(self.problem).max())
+            deviation = 2**0.5 * float(errors.deviation_bound(self.problem).max())
             most = within + self.back_off.sigmas * deviation
             cuts, bound = self._in_flight(flown, most, moved, beside)
             bound = bound - self.back_off_of(cuts, flown)
@@ -145,35 +145,41 @@ class ConflictDetection:
         problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
         errors = self.back_off.dispersion(flown.controls, problem)
         normal = normals(cuts, flown.states, flown.controls)
-        deviation = deviation_along(normal, (cuts.free, cuts.pushed), errors.of_pairs(i, j, k))
+        deviation = deviation_along(
+            normal, (cuts.state_map, cuts.control_map), errors.of_pairs(i, j, k)
+        )
         sigmas = np.full(len(cuts), self.back_off.sigmas)
         kept = problem.collision_radius + self.margin + ENDS
         for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
             at = np.flatnonzero(k == interval)
-            most = levels_at(node, i[at], j[at], flown.states, errors, kept)
+            most = sigma_levels(node, i[at], j[at], flown.states, errors, kept)
             sigmas[at] = np.clip(most, 0.0, sigmas[at])
         return sigmas * deviation
 
     def _in_flight(
-        self, flown: Trajectory, within: float, moved: Marked, beside: float
+        self, flown: Trajectory, within: float, moved: CraftMask, beside: float
     ) -> tuple[Cuts, Values]:
         """Conflicts of craft that both fly their plans."""
         problem, states, swarms = self.problem, flown.states, self.swarms
         if self.requirements.at_nodes:
-            (i, j), moved = swarms.pairs, swarms.marked(moved)
+            (i, j), moved = swarms.pairs, swarms.participant_mask(moved)
             touched = moved[i] | moved[j]
             i, j = i[touched], j[touched]
-            positions = swarms.beside(states)[:, :-1, :3]
-            distance = swarms.apart(positions, positions, i, j)
+            positions = swarms.all_states(states)[:, :-1, :3]
+            distance = swarms.separations(positions, positions, i, j)
             row, node = np.nonzero(distance <= within)
             cuts = cuts_at(i[row], j[row], node, np.zeros(len(row)), problem)
-            return spaced_cuts(cuts, i[row], j[row], swarms), distance[row, node]
+            return cuts_of_craft(cuts, i[row], j[row], swarms), distance[row, node]
         found = close_approaches(
             states, flown.controls, problem, within, swarms=swarms, moved=moved
         )
         pairs = found.first, found.second, found.interval
-        cuts, bound, h = Cuts(*pairs, found.free, found.pushed), found.bound, problem.time_step
+        cuts, bound, h = (
+            Cuts(*pairs, found.state_map, found.control_map),
+            found.bound,
+            problem.time_step,
+        )
         for way in (-beside, beside) if beside else ():
             cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
             bound = np.concatenate([bound, found.bound])
-        return spaced_cuts(cuts, cuts.first, cuts.second, swarms), bound
+        return cuts_of_craft(cuts, cuts.first, cuts.second, swarms), bound

@@ -120,11 +120,11 @@ class ConicProgram:
         reach = (sub.reach * scale[:, None]).reshape(r, m // 3, 3)[:, interval] @ self.effect
         row, column, value = self._by_slot(reach, r * craft + np.arange(r)[:, None])
         wanted = sub.goals()
-        if sub.asked is None or sub.asked.all():
+        if sub.constrained is None or sub.constrained.all():
             return (row, column, value), wanted
-        asked = sub.asked.ravel()
-        number, there = np.cumsum(asked) - 1, asked[row]
-        return (number[row[there]], column[there], value[there]), wanted[asked]
+        constrained = sub.constrained.ravel()
+        number, there = np.cumsum(constrained) - 1, constrained[row]
+        return (number[row[there]], column[there], value[there]), wanted[constrained]
 
     def half_spaces(self) -> Block:
         """Pairs apart, as rows that are at most b."""

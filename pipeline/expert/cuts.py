@@ -21,8 +21,8 @@ class SecondCraft(Rows):
     """Linear maps to the positions of cuts' second craft, where they are not as the first's."""
 
     interval: Indices  # at whose start the craft's state counts
-    free: Float[Array, "k 3 6"]  # from that state to its position
-    pushed: Float[Array, "k 3 3"]  # from its control in that interval to its position
+    state_map: Float[Array, "k 3 6"]  # from that state to its position
+    control_map: Float[Array, "k 3 3"]  # from its control in that interval to its position
     offset: Vectors  # position of the first, or less that of the second, as far as it is fixed, m
 
 
@@ -33,8 +33,10 @@ class Cuts(Rows):
     first: Indices
     second: Indices
     interval: Indices  # interval of the time
-    free: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position then
-    pushed: Float[Array, "k 3 3"]  # from its control in the interval to its position then
+    state_map: Float[
+        Array, "k 3 6"
+    ]  # from a craft's state at the interval's start to its position then
+    control_map: Float[Array, "k 3 3"]  # from its control in the interval to its position then
     other: SecondCraft | None = None  # of the second, where some are passive-safety cuts
     beyond: Values | None = None  # asked for beyond the collision radius, as sizes differ, m
 
@@ -54,7 +56,9 @@ class Cuts(Rows):
     @property
     def as_first(self) -> SecondCraft:
         """The maps of the second craft where it flies its plan as the first does."""
-        return SecondCraft(self.interval, self.free, self.pushed, np.zeros((len(self), 3)))
+        return SecondCraft(
+            self.interval, self.state_map, self.control_map, np.zeros((len(self), 3))
+        )
 
     @property
     def in_flight(self) -> Bool[Array, "k"]:
@@ -76,7 +80,7 @@ def cuts_at(
     return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
 
 
-def spaced_cuts(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
+def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
     """Cuts of pairs of participants, as cuts of craft alone.
 
     Their axes are scaled; and where the second participant is an obstacle, the cut is about the
@@ -84,22 +88,22 @@ def spaced_cuts(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartit
     """
     if not isinstance(swarms, Participants):
         return cuts
-    scale, beyond = swarms.asked(first, second)
-    met, still = cuts.other or cuts.as_first, swarms.still(second)
+    scale, beyond = swarms.separation_scaling(first, second)
+    met, still = cuts.other or cuts.as_first, swarms.is_obstacle(second)
     rows, interval = second[still], met.interval[still]
-    maps = met.free[still], met.pushed[still]
+    maps = met.state_map[still], met.control_map[still]
     offset = met.offset.copy()
-    offset[still] -= swarms.places(rows, interval, maps)
+    offset[still] -= swarms.obstacle_positions(rows, interval, maps)
     axes = scale[:, :, None]
     return replace(
         cuts,
         second=np.where(still, first, cuts.second),
-        free=cuts.free * axes,
-        pushed=cuts.pushed * axes,
+        state_map=cuts.state_map * axes,
+        control_map=cuts.control_map * axes,
         other=SecondCraft(
             interval=np.where(still, 0, met.interval),
-            free=_unless(still, met.free * axes),
-            pushed=_unless(still, met.pushed * axes),
+            state_map=_unless(still, met.state_map * axes),
+            control_map=_unless(still, met.control_map * axes),
             offset=offset * scale,
         ),
         beyond=beyond,
@@ -120,9 +124,11 @@ def corridor_cuts(found: Margins, faces: Faces, collision_radius: float) -> Cuts
         first=craft,
         second=craft,
         interval=found.interval,
-        free=inward @ found.free,
-        pushed=inward @ found.pushed,
-        other=SecondCraft(none, np.zeros_like(found.free), np.zeros_like(found.pushed), offset),
+        state_map=inward @ found.state_map,
+        control_map=inward @ found.control_map,
+        other=SecondCraft(
+            none, np.zeros_like(found.state_map), np.zeros_like(found.control_map), offset
+        ),
         beyond=np.full(len(craft), BEYOND - collision_radius),
     )
 
@@ -139,27 +145,27 @@ def passive_safety_cuts(
     """
     dynamics, last, node = problem.dynamics, problem.nodes - 1, found.node
     assert node is not None  # at which the first craft lost its thrust
-    drifting = found.free @ dynamics.drift(node, found.interval)
+    drifting = found.state_map @ dynamics.drift(node, found.interval)
     beyond = dynamics.drift(last, np.maximum(found.interval, last))
-    still = swarms.still(found.second)
+    still = swarms.is_obstacle(found.second)
     second = np.where(still, found.first, found.second)
-    goal = np.matvec(found.free @ beyond, states[second, last])
+    goal = np.matvec(found.state_map @ beyond, states[second, last])
     start = np.matvec(drifting, states[found.first, node])
     fixed, arrived = node == 0, (found.interval >= last) & ~still
     cuts = Cuts(
         first=np.where(fixed, found.second, found.first),
         second=np.where(arrived, found.first, found.second),
         interval=node,
-        free=_unless(fixed, drifting),
-        pushed=np.zeros_like(found.pushed),
+        state_map=_unless(fixed, drifting),
+        control_map=np.zeros_like(found.control_map),
         other=SecondCraft(
             interval=np.where(arrived, 0, found.interval),
-            free=_unless(arrived, found.free),
-            pushed=_unless(arrived, found.pushed),
+            state_map=_unless(arrived, found.state_map),
+            control_map=_unless(arrived, found.control_map),
             offset=_unless(~fixed, start) - _unless(~arrived, goal),
         ),
     )
-    return spaced_cuts(cuts, found.first, found.second, swarms)
+    return cuts_of_craft(cuts, found.first, found.second, swarms)
 
 
 def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Array, "k *rest"]:
@@ -172,11 +178,13 @@ def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
     i, j, k = cuts.first, cuts.second, cuts.interval
     if cuts.other is not None:
         other, t = cuts.other, cuts.other.interval
-        position = np.matvec(cuts.free, states[i, k]) + np.matvec(cuts.pushed, controls[i, k])
-        from_other = np.matvec(other.free, states[j, t])
-        return other.offset + position - from_other - np.matvec(other.pushed, controls[j, t])
-    gap = np.matvec(cuts.free, states[i, k] - states[j, k])
-    return gap + np.matvec(cuts.pushed, controls[i, k] - controls[j, k])
+        position = np.matvec(cuts.state_map, states[i, k]) + np.matvec(
+            cuts.control_map, controls[i, k]
+        )
+        from_other = np.matvec(other.state_map, states[j, t])
+        return other.offset + position - from_other - np.matvec(other.control_map, controls[j, t])
+    gap = np.matvec(cuts.state_map, states[i, k] - states[j, k])
+    return gap + np.matvec(cuts.control_map, controls[i, k] - controls[j, k])
 
 
 def normals(
@@ -223,14 +231,14 @@ def half_spaces(
         return row
 
     i, j, k = cuts.first, cuts.second, cuts.interval
-    to_state = np.vecmat(normal, cuts.free)
-    row = effect(to_state, k, cuts.pushed)
+    to_state = np.vecmat(normal, cuts.state_map)
+    row = effect(to_state, k, cuts.control_map)
     if cuts.other is not None:
         second, t = cuts.other, cuts.other.interval
-        seen = np.vecmat(normal, second.free)
+        seen = np.vecmat(normal, second.state_map)
         apart = np.vecdot(normal, second.offset)
         apart += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
         apart -= np.vecdot(seen, np.matvec(maps.drift[t], initial[j]))
-        return HalfSpaces(row, separation - apart, effect(seen, t, second.pushed))
+        return HalfSpaces(row, separation - apart, effect(seen, t, second.control_map))
     drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
     return HalfSpaces(row, separation - np.vecdot(to_state, drifted))

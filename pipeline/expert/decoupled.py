@@ -6,19 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Array, Float, Int
-from pipeline.expert.limited import (
+from pipeline.expert.conic_decoupled import (
     FARKAS_MARGIN,
     LIMIT_SHARE,
     dual_bounds,
-    impossible,
-    least_of,
-    settled,
+    minimum_fuel_by_cones,
+    polished,
+    proven_infeasible,
 )
-from pipeline.orbit.arrays import Controls, Formation, Marked, Rows
-from pipeline.orbit.decoupled import least_fuel
+from pipeline.orbit.arrays import Controls, CraftMask, Formation, Rows
+from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
-from pipeline.orbit.thrust_cost import cost, spent
+from pipeline.orbit.thrust_cost import cost, craft_fuel
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
 from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import limits_of
@@ -37,11 +37,11 @@ class DecoupledOptima(Rows):
 
     controls: Controls  # m/s²; the minimum-energy transfer where no optimum was found
     lower_bound: Float[Array, "n"]  # proven lower bound on the fuel of each craft, m/s²
-    feasible: Marked  # whether an optimum was found
+    feasible: CraftMask  # whether an optimum was found
     # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
     # any thrust; what is neither the solver failed at
-    impossible: Marked
-    tabled: Marked  # whether the bound is a vertex's of the table, or a program's
+    impossible: CraftMask
+    tabled: CraftMask  # whether the bound is a vertex's of the table, or a program's
     basis: Int[Array, "n 6"] | None = None  # as in ``Subproblem``, without a thrust limit
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
@@ -73,7 +73,7 @@ def decoupled_optima(
     miss = goal_miss(initial, goal, problem)
     controls, bound = minimum_energy(initial, goal, problem), np.zeros(len(miss))
     feasible, hopeless = np.zeros((2, len(miss)), dtype=bool)
-    found = least_fuel(miss, problem)
+    found = minimum_fuel(miss, problem)
     if found is not None:
         within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
         feasible = found.exact & within
@@ -110,16 +110,16 @@ def limited_optima(
     waiting = [np.arange(n)]
     while waiting:
         craft = waiting.pop()
-        found, duals = least_of(at[craft], limits[craft], problem)
+        found, duals = minimum_fuel_by_cones(at[craft], limits[craft], problem)
         if found is None:
             each = [slice(k, k + 1) for k in range(len(craft))]
-            asked = [(duals[k], at[craft[k]], limits[craft[k]], problem) for k in each]
-            not_possible[craft] = [impossible(*one) for one in asked]
+            each_dual = [(duals[k], at[craft[k]], limits[craft[k]], problem) for k in each]
+            not_possible[craft] = [proven_infeasible(*one) for one in each_dual]
             left = craft[~not_possible[craft]]
             waiting += [left] if 0 < len(left) < len(craft) else _apart(left, craft)
             continue
         feasible[craft] = True
-        controls[craft] = settled(found, at[craft], limits[craft], problem)
+        controls[craft] = polished(found, at[craft], limits[craft], problem)
         bound[craft] = dual_bounds(duals, at[craft], limits[craft], problem)
         # Where misses are of very different sizes, the small are lost in the rounding.
         fuel = cost(controls[craft], problem.thrust).sum(axis=1)
@@ -152,7 +152,7 @@ def arrivals_at_least_fuel(
             ends = initial[many], goal[many], problem
             tried = {k: list(zip(nodes, some, strict=True)) for k, nodes in enumerate(choices)}
             optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
-            fuel = spent(optima.controls, problem.thrust, limits[many])
+            fuel = craft_fuel(optima.controls, problem.thrust, limits[many])
             fuel = np.where(optima.feasible, fuel, np.inf)
             # Where none is feasible, one that is not proven to be impossible.
             best = choices[int(np.lexsort((optima.impossible, fuel))[0])]

@@ -67,7 +67,7 @@ def solve_many(
 
 
 @dataclass(frozen=True, eq=False)
-class _Tried:
+class _Candidate:
     """A plan, the standard deviations that it was asked to keep, and the risk of flying it."""
 
     plan: Plan
@@ -94,10 +94,10 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     started, settings = perf_counter(), settings or Settings()
     problem = plan.scenario.problem
     back_off = BackOff(limit.uncertainty(problem), 0.0, limit.closed_loop)
-    tried = [_judged(plan, back_off)]
-    if plan.status == SOLVED and tried[0].risk.total > limit.asked:
-        tried.extend(_more_careful(tried[0], limit, settings, requirements.nominal))
-    best = min(tried, key=lambda one: _worth(one, limit.asked))
+    candidates = [_judged(plan, back_off)]
+    if plan.status == SOLVED and candidates[0].risk.total > limit.asked:
+        candidates.extend(_more_careful(candidates[0], limit, settings, requirements.nominal))
+    best = min(candidates, key=lambda one: _preference(one, limit.asked))
     fuel_without = plan.certificate.fuel if plan.status == SOLVED else None
     claim = replace(
         Risk.asked_for(limit, problem).of(best.risk, problem),
@@ -110,7 +110,7 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
         best.plan,
         planner=plan.planner if same else f"{plan.planner} + {best.plan.planner}",
         certificate=replace(best.plan.certificate, risk=claim),
-        convex_solves=sum(one.plan.convex_solves for one in tried),
+        convex_solves=sum(one.plan.convex_solves for one in candidates),
         timing={**plan.timing, "risk": seconds, "plan": plan.timing.get("plan", 0.0) + seconds},
     )
     if claim.kept or plan.status != SOLVED:
@@ -119,8 +119,8 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
 
 
 def _more_careful(
-    first: _Tried, limit: RiskLimit, settings: Settings, requirements: Requirements
-) -> Iterator[_Tried]:
+    first: _Candidate, limit: RiskLimit, settings: Settings, requirements: Requirements
+) -> Iterator[_Candidate]:
     """Search for ever better numbers of standard deviations, until one is good enough.
 
     The risk is modelled as what the ends have, which no plan changes much, and a multiple of the
@@ -167,8 +167,8 @@ def _leaving_room(plan: Plan, back_off: BackOff, asked: float) -> Scenario:
     scenario, limit = plan.scenario, plan.scenario.problem.max_acceleration
     if limit is None or not back_off.closed_loop:
         return scenario
-    commanded = back_off.dispersion(plan.controls, scenario.problem).commanded
-    largest = float(np.sqrt(np.diagonal(commanded, axis1=2, axis2=3)).max())
+    correction = back_off.dispersion(plan.controls, scenario.problem).correction_covariance
+    largest = float(np.sqrt(np.diagonal(correction, axis1=2, axis2=3)).max())
     left = limit - _tail(SATURATION * asked / plan.controls.size) * largest
     if left <= 0:
         return scenario
@@ -193,22 +193,22 @@ def _tail(probability: float) -> float:
     return max(0.0, -float(ndtri(min(probability, 0.5))))
 
 
-def _judged(plan: Plan, back_off: BackOff) -> _Tried:
+def _judged(plan: Plan, back_off: BackOff) -> _Candidate:
     problem = plan.scenario.problem
     errors = back_off.uncertainty, back_off.closed_loop
     risk = collision_risk(plan.states, plan.controls, problem, *errors)
-    return _Tried(plan, back_off.sigmas, risk)
+    return _Candidate(plan, back_off.sigmas, risk)
 
 
-def _worth(tried: _Tried, asked: float) -> tuple[bool, float]:
+def _preference(candidate: _Candidate, asked: float) -> tuple[bool, float]:
     """Sort key: plans that keep the risk come first, the cheapest ahead, then the least risky."""
-    kept = tried.plan.status == SOLVED and tried.risk.total <= asked
-    return not kept, tried.plan.certificate.fuel if kept else tried.risk.total
+    kept = candidate.plan.status == SOLVED and candidate.risk.total <= asked
+    return not kept, candidate.plan.certificate.fuel if kept else candidate.risk.total
 
 
-def _too_risky(tried: _Tried, asked: float) -> str:
+def _too_risky(candidate: _Candidate, asked: float) -> str:
     """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
-    scenario, risk = tried.plan.scenario, tried.risk
+    scenario, risk = candidate.plan.scenario, candidate.risk
     if risk.saturation > asked:
         return (
             f"corrections at each node ask for more than max_acceleration with a probability of up "

@@ -12,39 +12,37 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool
 from pipeline.expert.batch import Batch
+from pipeline.expert.conic_decoupled import decoupled_program, polished
 from pipeline.expert.incumbents import SearchResult
-from pipeline.expert.limited import decoupled_program, settled
 from pipeline.expert.scp import Search, SearchProblem
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
-from pipeline.orbit.thrust_cost import burn_sizes, spent, too_small
+from pipeline.orbit.thrust_cost import burn_sizes, craft_fuel, too_small
 
 ROUNDS = 16  # plans at most, each without more of the small burns
 
 
-def without_small_burns(
-    asked: SearchProblem, results: Sequence[SearchResult]
-) -> list[SearchResult]:
+def without_small_burns(task: SearchProblem, results: Sequence[SearchResult]) -> list[SearchResult]:
     """The results of searches, those with burns that are too small searched again without."""
     found = list(results)
     for k, result in enumerate(results):
         if not result.obstacle:
-            found[k] = _again(asked.part([k]), result)
+            found[k] = _again(task.part([k]), result)
     return found
 
 
-def _again(asked: SearchProblem, result: SearchResult) -> SearchResult:
+def _again(task: SearchProblem, result: SearchResult) -> SearchResult:
     """The result of one scenario, searched again where a burn is too small."""
-    batch, limits = asked.batch, asked.batch.limits
+    batch, limits = task.batch, task.batch.limits
     assert limits is not None
     if not too_small(result.controls, limits, batch.problem).any():
         return result
     has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
-    found = (_without if has_cones else _by_integers)(asked, result)
+    found = (_without if has_cones else _by_integers)(task, result)
     if result.feasible:
-        fuel = spent(result.controls, batch.problem.thrust, limits)
+        fuel = craft_fuel(result.controls, batch.problem.thrust, limits)
         found = replace(found, fuel_without=float(fuel.sum()))
     if not found.obstacle and too_small(found.controls, limits, batch.problem).any():
         found = replace(found, feasible=False, obstacle=f"not all burns reach {_least(batch)}")
@@ -55,11 +53,11 @@ def _least(batch: Batch) -> str:
     return f"{batch.problem.thrust.min_delta_v:g} m/s"
 
 
-def _by_integers(asked: SearchProblem, result: SearchResult) -> SearchResult:
+def _by_integers(task: SearchProblem, result: SearchResult) -> SearchResult:
     """Search with programs whose thrusts are zero or large enough."""
     from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
 
-    batch, optima = asked.batch, asked.batch.optima
+    batch, optima = task.batch, task.batch.optima
     assert batch.limits is not None
     assert batch.arrivals is not None
     controls = optima.controls.copy()
@@ -73,17 +71,17 @@ def _by_integers(asked: SearchProblem, result: SearchResult) -> SearchResult:
         except UnsolvableError as error:
             why = f"craft {k} alone: {error}"
             return replace(result, feasible=False, obstacle=why)
-        controls[craft] = settled(alone, at, batch.limits[craft], batch.problem)
+        controls[craft] = polished(alone, at, batch.limits[craft], batch.problem)
     whole = Batch(batch.scenarios, batch.limits, batch.arrivals)
     whole.optima = replace(optima, controls=controls)
-    search = replace(asked, batch=whole, whole_burns=True)
+    search = replace(task, batch=whole, whole_burns=True)
     (found,) = Search(search, [result.controls]).run()
     return replace(found, convex_solves=result.convex_solves + found.convex_solves)
 
 
-def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
+def _without(task: SearchProblem, result: SearchResult) -> SearchResult:
     """The result of one scenario whose burns are all large enough, or else the last tried."""
-    batch, solves = asked.batch, result.convex_solves
+    batch, solves = task.batch, result.convex_solves
     assert batch.limits is not None
     for _ in range(ROUNDS):
         dropped = smaller_half(result.controls, batch.limits, batch.problem)
@@ -95,7 +93,7 @@ def _without(asked: SearchProblem, result: SearchResult) -> SearchResult:
             k = int(batch.optima.feasible.argmin())
             why = f"no burns of craft {k} were found of at least {_least(batch)} each"
             return replace(result, convex_solves=solves, feasible=False, obstacle=why)
-        (result,) = Search(replace(asked, batch=batch), [result.controls]).run()
+        (result,) = Search(replace(task, batch=batch), [result.controls]).run()
         solves += result.convex_solves
     return replace(result, convex_solves=solves)
 

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.batch import Batch
 from pipeline.expert.cuts import Cuts
-from pipeline.orbit.arrays import Controls, Marked
+from pipeline.orbit.arrays import Controls, CraftMask
 
 SLACK_TOLERANCE = 1e-5  # slack in m under which a half-space counts as met
 
@@ -37,7 +37,7 @@ class Incumbents:
         self._failure: dict[int, str] = {}
         self._slack: dict[int, tuple[float, int, int]] = {}
 
-    def begin_round(self, active: Marked) -> None:
+    def begin_round(self, active: CraftMask) -> None:
         """Count a round of the scenarios of some craft; slack of earlier rounds is dropped."""
         self._rounds += np.bincount(self._swarm[active], minlength=len(self._rounds)) > 0
         self._slack = {}
@@ -62,7 +62,7 @@ class Incumbents:
         swarm = int(self._swarm[first])
         self._slack[swarm] = max(self._slack.get(swarm, (0.0, 0, 0)), (slack, first, second))
 
-    def results(self, controls: Controls, cuts: Cuts, left: Marked) -> list[SearchResult]:
+    def results(self, controls: Controls, cuts: Cuts, left: CraftMask) -> list[SearchResult]:
         """Incumbents, or else the newest controls, m/s²; craft that are ``left`` are not done."""
         feasible, starts = np.isfinite(self._cheapest), self._batch.swarms.starts
         ended = np.where(feasible[self._swarm, None, None], self._best, controls)

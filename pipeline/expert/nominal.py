@@ -17,7 +17,7 @@ from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls
-from pipeline.orbit.infeasibility import unavoidable
+from pipeline.orbit.infeasibility import unavoidable_encounter
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
 from pipeline.plan import (
     INFEASIBLE,
@@ -54,12 +54,12 @@ def nominal_plans(
             each |= zip(some, found, strict=True)
         return [each[k] for k in range(len(scenarios))]
     batch, requirements = Batch(scenarios), requirements.nominal
-    asked = SearchProblem(batch, settings, requirements, back_off)
+    task = SearchProblem(batch, settings, requirements, back_off)
     started = perf_counter()
     controls = None if seeds is None else [*map(_flyable, scenarios, seeds)]
     _ = batch.optima  # whose time is a stage of its own
     searched = perf_counter()
-    results = _search(asked, controls)
+    results = _search(task, controls)
     done = perf_counter()
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
@@ -137,16 +137,16 @@ def _meet(plan: Plan) -> bool:
     return any(one is not None and one <= radius for one in (found.min_separation, drifting))
 
 
-def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
+def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     """Search where every craft has a decoupled optimum and nothing proves that there is no plan."""
-    results = _before_search(asked)
+    results = _before_search(task)
     left = [k for k, result in enumerate(results) if not result.obstacle]
     if not left:
         return results
-    part = asked.part(left)
+    part = task.part(left)
     found = Search(part, None if seeds is None else [seeds[k] for k in left]).run()
-    settings, optima = asked.settings, part.batch.optima
-    if asked.requirements.passive_safety is not None:
+    settings, optima = task.settings, part.batch.optima
+    if task.requirements.passive_safety is not None:
         # Craft in one plane are first led apart in that plane, where there may be no way past one
         # that drifts; other sides lead out of it.
         found = _again(
@@ -174,9 +174,9 @@ def _search(asked: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     return results
 
 
-def _before_search(asked: SearchProblem) -> list[SearchResult]:
+def _before_search(task: SearchProblem) -> list[SearchResult]:
     """The decoupled optima of each scenario, and what stands in the way of every plan or search."""
-    batch, orbits = asked.batch, asked.requirements.passive_safety
+    batch, orbits = task.batch, task.requirements.passive_safety
     optima = batch.optima
     parts = zip(
         batch.scenarios,
@@ -201,7 +201,7 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, where the ends alone prove it; else nothing."""
     ends = scenario.initial, scenario.goal, scenario.problem
     radii = scenario.radii if scenario.unlike else None
-    found = unavoidable(*ends, orbits, radii, scenario.obstacles)
+    found = unavoidable_encounter(*ends, orbits, radii, scenario.obstacles)
     if found is None or found.pair is None:
         return ""
     i, j = found.pair
@@ -219,7 +219,7 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
 
 
 def _again(
-    asked: SearchProblem,
+    task: SearchProblem,
     first: Sequence[SearchResult],
     times: int,
     wanting: Callable[[int, SearchResult], bool],
@@ -231,29 +231,29 @@ def _again(
         left = [k for k, result in enumerate(results) if wanting(k, result)]
         if not left:
             break
-        for k, other in zip(left, Search(asked.part(left), start=start).run(), strict=True):
+        for k, other in zip(left, Search(task.part(left), start=start).run(), strict=True):
             solves = results[k].convex_solves + other.convex_solves
             results[k] = replace(better(k, results[k], other), convex_solves=solves)
     return results
 
 
-def _better(asked: SearchProblem, best: SearchResult, other: SearchResult) -> SearchResult:
+def _better(task: SearchProblem, best: SearchResult, other: SearchResult) -> SearchResult:
     """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
     if not (best.feasible and other.feasible):
         return best if best.feasible else other
-    (scenario,) = asked.batch.scenarios
+    (scenario,) = task.batch.scenarios
     both = np.concatenate([best.joined, other.joined])
     labels = cluster_labels(scenario.n, *both.T)
     saved = np.zeros(scenario.n)
     for label in np.unique(labels):
         craft = np.flatnonzero(labels == label)
-        worth = (asked.batch.objective(one.controls[craft], craft) for one in (best, other))
+        worth = (task.batch.objective(one.controls[craft], craft) for one in (best, other))
         saved[label] = next(worth) - next(worth)
     cheaper = (saved > 0)[labels]
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
     flown = Trajectory(controls, fly(scenario.initial, controls, scenario.problem))
     radius = scenario.problem.collision_radius
-    conflicts, _ = asked.detection.conflicts(flown, radius + PROVABLE)
+    conflicts, _ = task.detection.conflicts(flown, radius + PROVABLE)
     if len(conflicts) == 0:
         return replace(best, controls=controls, joined=both)
     return other if saved.sum() > 0 else best

@@ -29,17 +29,17 @@ from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels, groups, neighbourhoods, with_others_fixed
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
+from pipeline.expert.conic_decoupled import polished, program_limits
 from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.incumbents import SLACK_TOLERANCE, Incumbents, SearchResult
-from pipeline.expert.limited import of_program, settled
 from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Basis, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
-from pipeline.orbit.arrays import Controls, Indices, Marked, Values, Vectors
+from pipeline.orbit.arrays import Controls, CraftMask, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.thrust_cost import exceeds
+from pipeline.orbit.thrust_cost import exceeded_limits
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
 
@@ -87,18 +87,18 @@ class Search:
     pass on other sides at first.
     """
 
-    def __init__(self, asked: SearchProblem, seeds: Seeds | None = None, start: int = 0) -> None:
-        self.asked, self.settings, self.batch = asked, asked.settings, asked.batch
+    def __init__(self, task: SearchProblem, seeds: Seeds | None = None, start: int = 0) -> None:
+        self.task, self.settings, self.batch = task, task.settings, task.batch
         self.problem, self.swarm = self.batch.problem, self.batch.swarms.label
         self.provable = self.problem.collision_radius + PROVABLE
         # Craft whose part of the reference is known to be safe, whose cluster is not done, and
         # whose cluster's program the solver failed at.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
-        self.iterate = self._flown(self.batch.optima.controls)  # the newest trajectory
+        self.iterate = self._propagated(self.batch.optima.controls)  # the newest trajectory
         # The linearization point.
         self.reference = Trajectory(self.iterate.controls.copy(), self.iterate.states.copy())
         self.incumbents = Incumbents(self.batch, self.iterate.controls)
-        cuts, _ = asked.detection.conflicts(self.iterate, self.provable)
+        cuts, _ = task.detection.conflicts(self.iterate, self.provable)
         in_conflict = self._scenarios(cuts.first)
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
@@ -113,7 +113,7 @@ class Search:
         self.shift = self._first_shift(start)
         self.incumbents.update(self.iterate.controls, ~in_conflict)
 
-    def _scenarios(self, craft: Indices | Marked) -> Bool[Array, "scenarios"]:
+    def _scenarios(self, craft: Indices | CraftMask) -> Bool[Array, "scenarios"]:
         """The scenarios that some craft are of."""
         there = np.zeros(len(self.batch.scenarios), dtype=bool)
         there[self.swarm[craft]] = True
@@ -128,15 +128,15 @@ class Search:
         if not chosen:
             return NO_CUTS
         given = np.isin(self.swarm, list(chosen))
-        self.reference.set(given, self._flown(np.concatenate(list(chosen.values())), given))
-        near, bound = self.asked.detection.conflicts(
+        self.reference.set(given, self._propagated(np.concatenate(list(chosen.values())), given))
+        near, bound = self.task.detection.conflicts(
             self.reference,
             self.problem.collision_radius + min(self.problem.collision_radius, SEED_LOOK),
             given,
             beside=self.settings.beside,
         )
         controls = self.reference.controls
-        too_strong = self._too_strong(controls)
+        too_strong = self._exceeding_limits(controls)
         unfit = near.first[bound <= self.provable], np.flatnonzero(too_strong)
         safe = np.zeros(len(self.batch.scenarios), dtype=bool)
         safe[list(chosen)] = True
@@ -158,7 +158,7 @@ class Search:
     def run(self) -> list[SearchResult]:
         """Solve and judge until every cluster is done."""
         most = self.settings.max_rounds
-        if self.asked.requirements.passive_safety is not None:
+        if self.task.requirements.passive_safety is not None:
             most = min(most, MOST_ROUNDS_PASSIVE)
         for _ in range(most):
             if not self.active.any():
@@ -171,14 +171,14 @@ class Search:
         self.iterate.controls[kept] = self.reference.controls[kept]
         return self.incumbents.results(self.iterate.controls, self.cuts, self.active & ~kept)
 
-    def _too_strong(self, controls: Controls) -> Marked:
+    def _exceeding_limits(self, controls: Controls) -> CraftMask:
         """Craft that burn more than they can."""
         if self.batch.limits is None:
             return np.abs(controls).max(axis=(1, 2)) > control_limit(self.problem)
-        found = exceeds(controls, self.batch.limits, self.problem)
+        found = exceeded_limits(controls, self.batch.limits, self.problem)
         return np.asarray(np.any([*found.values()], axis=0))
 
-    def _flown(
+    def _propagated(
         self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
         initial, goal, batch = self.batch.initial[craft], self.batch.goal[craft], self.batch
@@ -186,10 +186,10 @@ class Search:
             exact = meet_goal(initial, controls, goal, self.problem)
         else:
             at, limits = batch.arrivals[craft], batch.limits[craft]
-            exact = settled(controls, at, limits, self.problem)
+            exact = polished(controls, at, limits, self.problem)
         return Trajectory(exact, fly(initial, exact, self.problem))
 
-    def _worth(self, flown: Trajectory, craft: Cluster) -> float:
+    def _objective(self, flown: Trajectory, craft: Cluster) -> float:
         """What is to be least of a cluster's trajectory, m/s²."""
         return self.batch.objective(flown.controls[craft], craft)
 
@@ -208,10 +208,10 @@ class Search:
 
     def _raise_back_off(self, flown: Trajectory) -> None:
         """Raise back-offs to those of a trajectory; if they fell, burns and errors might cycle."""
-        asked = self.asked.detection.back_off_of(self.cuts, flown)
+        asked = self.task.detection.back_off_of(self.cuts, flown)
         self.back_off = np.maximum(self.back_off, asked)
 
-    def _clusters(self, touched: Marked) -> list[Cluster]:
+    def _clusters(self, touched: CraftMask) -> list[Cluster]:
         """The clusters that some craft are in."""
         there = np.zeros(len(self.labels), dtype=bool)
         there[self.labels[touched]] = True
@@ -221,7 +221,7 @@ class Search:
     def _distances(self, flown: Trajectory) -> Values:
         """Separation of each cut's pair in a trajectory, less its back-off, m."""
         apart = norm(gaps(self.cuts, flown.states, flown.controls))
-        return apart - self.asked.detection.back_off_of(self.cuts, flown)
+        return apart - self.task.detection.back_off_of(self.cuts, flown)
 
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with every cut linearized about the same trajectory.
@@ -241,11 +241,13 @@ class Search:
             except UnsolvableError as error:
                 self._fail(craft, str(error))
         for craft in clusters:
-            gained_nothing = self._worth(self.iterate, craft) >= self._worth(self.reference, craft)
+            gained_nothing = self._objective(self.iterate, craft) >= self._objective(
+                self.reference, craft
+            )
             if self.accepted[craft].all() and gained_nothing:
                 self._go_back(craft)
         moved = np.concatenate(clusters)
-        self.iterate.set(moved, self._flown(self.iterate.controls[moved], moved))
+        self.iterate.set(moved, self._propagated(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
 
     def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
@@ -322,13 +324,13 @@ class Search:
             sub,
             reach=at.reach,
             miss=at.miss,
-            asked=at.asked,
+            constrained=at.asked,
             thrust=self.problem.thrust,
             time_step=self.problem.time_step,
-            limits=of_program(batch.limits[craft]),
+            limits=program_limits(batch.limits[craft]),
             weight=None if weight is None else weight[craft],
         )
-        if self.asked.whole_burns:
+        if self.task.whole_burns:
             from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
 
             return by_integers(made)
@@ -351,15 +353,15 @@ class Search:
         """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
         moved = self._moved(clusters)
         within = self.settings.looked_at(self.problem.collision_radius)
-        found, bound = self.asked.detection.conflicts(self.iterate, within, moved)
+        found, bound = self.task.detection.conflicts(self.iterate, within, moved)
         broken = bound <= self.provable  # so that the certificate proves the rest safe
         unsafe = np.zeros(len(self.swarm), dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True
         self.unsafe = unsafe
-        promised = self._promised_gains()
+        predicted = self._predicted_gains()
         for craft in clusters:
             if self.active[craft].any() and not unsafe[craft].any():
-                self._accept(craft, float(promised[craft[0]]))
+                self._accept(craft, float(predicted[craft[0]]))
         self.incumbents.update(self.iterate.controls, ~self._scenarios(unsafe | self.failed))
         if broken.any():
             again = self._scenarios(found.first[broken])[self.swarm[found.first]]
@@ -367,7 +369,7 @@ class Search:
             self._raise_back_off(self.iterate)
             self._choose_reference(unsafe)
 
-    def _moved(self, clusters: list[Cluster]) -> Marked:
+    def _moved(self, clusters: list[Cluster]) -> CraftMask:
         """Craft whose pairs are judged anew: of clusters that moved.
 
         Of large clusters only craft that did since they were judged, and unsafe ones.
@@ -382,7 +384,7 @@ class Search:
         self.judged[moved] = self.iterate.controls[moved]
         return moved
 
-    def _promised_gains(self) -> Float[Array, "n"]:
+    def _predicted_gains(self) -> Float[Array, "n"]:
         """What linearizing about the newest iterate can gain in each cluster, to first order.
 
         A cut held the pair to the separation along its old normal; along the new one the pair is
@@ -392,10 +394,10 @@ class Search:
         worth = self.dual * np.maximum(surplus, 0.0)
         return np.bincount(self.labels[self.cuts.first], worth, len(self.swarm))
 
-    def _accept(self, craft: Cluster, promised: float) -> None:
+    def _accept(self, craft: Cluster, predicted: float) -> None:
         """Linearize about a safe iterate from now on; done where that promises no more."""
-        settings, fuel = self.settings, self._worth(self.iterate, craft)
-        before = self._worth(self.reference, craft)
+        settings, fuel = self.settings, self._objective(self.iterate, craft)
+        before = self._objective(self.reference, craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
         self.reference.set(craft, self.iterate[craft])
         self.accepted[craft] = True
@@ -404,10 +406,10 @@ class Search:
         self.active[craft] = not (
             settings.stop == "first-safe"
             or gap <= settings.gap_tolerance
-            or min(gained, promised) <= settings.improvement * fuel
+            or min(gained, predicted) <= settings.improvement * fuel
         )
 
-    def _choose_reference(self, unsafe: Marked) -> None:
+    def _choose_reference(self, unsafe: CraftMask) -> None:
         """Keep linearization points that satisfy all their cuts; move others to the iterate."""
         broken = self._distances(self.reference) <= self.problem.collision_radius
         missed = self.labels[self.cuts.first[broken]]

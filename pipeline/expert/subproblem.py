@@ -82,7 +82,7 @@ class Subproblem:
     limits: Limits | None = None
     time_step: float = 1.0
     weight: Float[Array, "n"] | None = None
-    asked: Bool[Array, "n r"] | None = None  # which changes are asked of which craft; or all
+    constrained: Bool[Array, "n r"] | None = None  # which changes each craft must make; None: all
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -29,9 +29,9 @@ from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_o
 from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter
 from pipeline.flight.last_interval import LastInterval, flown_interval
-from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, side_by_side
+from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, swarm_partition
 from pipeline.orbit.arrays import Controls, Indices, Values
-from pipeline.orbit.feedback import last_control
+from pipeline.orbit.feedback import last_control_map
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
@@ -188,7 +188,7 @@ class ClosedLoop:
         miss = self._scenario.goal - np.matvec(A, estimate)
         required = self._planner.requirements
         planned = Choice(problem, estimate, self._ahead, required, self._lost)
-        nearest = np.matvec(last_control(whole), miss)
+        nearest = np.matvec(last_control_map(whole), miss)
         if self._filter is not None and not required.at_nodes:
             last = LastInterval(
                 problem=problem,
@@ -357,7 +357,7 @@ class Choice:
             states = fly(initial, flat, self.problem)
         else:  # the last interval alone
             states = flown_interval(initial, flat[:, 0], self.problem)
-        return Trajectory(flat, states), side_by_side((n,) * trials)
+        return Trajectory(flat, states), swarm_partition((n,) * trials)
 
     def _separation(self, which: Indices | slice, controls: SomeControls) -> Values:
         (trials, n), (flown, swarms) = controls.shape[:2], self._flown(which, controls)

@@ -15,11 +15,11 @@ from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.nonlinear import least_adrift_in_world
+from pipeline.orbit.nonlinear import least_after_loss_nonlinear
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, swarm_node_collisions
-from pipeline.orbit.thrust_cost import spent
+from pipeline.orbit.thrust_cost import craft_fuel
 from pipeline.orbit.transfer import fly, fuel
 from pipeline.plan import Clearance, CorridorMargin, PassiveSafety, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, is_passively_safe
@@ -141,7 +141,7 @@ def flight_report(
     problem, last = plan.scenario.problem, found[-1]
     used, limits = float(fuel(plan.controls)), plan.scenario.limits
     if limits is not None:
-        used = float(spent(plan.controls, problem.thrust, limits).sum())
+        used = float(craft_fuel(plan.controls, problem.thrust, limits).sum())
     drift = None if orbits is None else _passive_safety(plan, conditions, last.states, orbits)
     collisions = _node_collisions(plan.scenario, last) if plan.separation == "nodes" else None
     if collisions is not None:
@@ -196,9 +196,9 @@ def _passive_safety(
     scenario = plan.scenario
     flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
     clearance = None
-    adrift = least_adrift_in_world(*flown)
+    adrift = least_after_loss_nonlinear(*flown)
     if scenario.sized:
-        spaced = least_adrift_in_world(*flown, participants([scenario]))
+        spaced = least_after_loss_nonlinear(*flown, participants([scenario]))
         clearance = Clearance.of(spaced, scenario)
     return PassiveSafety.of(orbits, adrift, clearance)
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, like, namespace, plain
 from pipeline.flight.world import World
-from pipeline.orbit.corridors import Faces, least_inside
-from pipeline.orbit.nearest import Nearest, nearer, nearest, nearest_between
+from pipeline.orbit.corridors import Faces, least_margin
+from pipeline.orbit.nearest import Nearest, nearest, nearest_between, smaller_separation
 from pipeline.scenario import Scenario, participants
 
 OF_CRAFT = "min_separation", "first_craft", "second_craft", "min_separation_time"
@@ -31,9 +31,9 @@ class Encounters:
     def nearer(self, other: "Encounters") -> "Encounters":
         """The least distances over both times."""
         return Encounters(
-            nearer(self.craft, other.craft),
-            self.sized and other.sized and nearer(self.sized, other.sized),
-            self.inside and other.inside and nearer(self.inside, other.inside),
+            smaller_separation(self.craft, other.craft),
+            self.sized and other.sized and smaller_separation(self.sized, other.sized),
+            self.inside and other.inside and smaller_separation(self.inside, other.inside),
         )
 
     def columns(self, radius: float) -> dict[str, Array]:
@@ -83,7 +83,7 @@ class Surroundings:
             both = namespace(arcs).concatenate([arcs, *(like(one, arcs) for one in beside)], axis=1)
             sized = nearest_between(both, both, self._swarms.pairs, *when, self._swarms)
         if len(self._faces):
-            inside = least_inside(plain(arcs), self._faces, *when)
+            inside = least_margin(plain(arcs), self._faces, *when)
         return Encounters(nearest(arcs, *when), sized, inside)
 
 

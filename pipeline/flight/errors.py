@@ -10,7 +10,13 @@ from scipy.special import ndtri
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_whole
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.covariance import MOST, NO_BURN, Uncertainty, correlation_root, navigation_roots
+from pipeline.orbit.covariance import (
+    MAX_ERRORS,
+    NO_BURN,
+    Uncertainty,
+    correlation_root,
+    navigation_roots,
+)
 from pipeline.orbit.problem import Problem
 from pipeline.scenario.families import SEEDS
 
@@ -41,7 +47,7 @@ class Errors(Uncertainty):
         late, rounded = 2 * self.timing / time_step, self.impulse_bit / 12**0.5
         return replace(
             super().gaussian(time_step),
-            magnitude=min(float(np.hypot(self.magnitude, late)), MOST["magnitude"]),
+            magnitude=min(float(np.hypot(self.magnitude, late)), MAX_ERRORS["magnitude"]),
             direction_fixed=float(np.hypot(self.direction_fixed, rounded)),
         )
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches, side_by_side
+from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches, swarm_partition
 from pipeline.orbit.arrays import Formation, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Uncertainty, burn_deviation, standard_deviation
@@ -40,7 +40,7 @@ class LastInterval:
     def kept_apart(self, controls: Float[Array, "K n 3"]) -> Float[Array, "K n 3"]:
         """The controls, m/s², changed where pairs would come too near; no more than they can."""
         (trials, n, _), problem = self.estimate.shape, self.problem
-        held, swarms = controls.reshape(-1, 3), side_by_side((n,) * trials)
+        held, swarms = controls.reshape(-1, 3), swarm_partition((n,) * trials)
         within, most = problem.collision_radius + CLOSE, problem.most_control
         for _ in range(ROUNDS):
             states = flown_interval(self.estimate.reshape(-1, 6), held, problem)
@@ -55,8 +55,8 @@ class LastInterval:
         """Changes of controls that take each pair as far apart as it is to be, m/s²."""
         problem, i, j = self.problem, found.first, found.second
         begin = self.estimate.reshape(-1, 6)
-        gap = np.matvec(found.free, begin[i] - begin[j]) + np.matvec(
-            found.pushed, held[i] - held[j]
+        gap = np.matvec(found.state_map, begin[i] - begin[j]) + np.matvec(
+            found.control_map, held[i] - held[j]
         )
         apart = norm(gap)
         normal = gap / np.maximum(apart, PROVABLE)[:, None]
@@ -66,7 +66,7 @@ class LastInterval:
         wanting = (short > 0) & most & (able[i] | able[j])
         _, B = problem.dynamics.step(problem.time_step)
         weighed = state_weight(problem)[:, None] * B
-        row = np.vecmat(normal, found.pushed)  # of a control on the separation, m per m/s²
+        row = np.vecmat(normal, found.control_map)  # of a control on the separation, m per m/s²
         # Row by row, since what a matrix product rounds depends on how many rows there are.
         cheapest = np.matvec(np.linalg.inv(weighed.T @ weighed), row)
         share = np.vecdot(row, cheapest) * (able[i].astype(float) + able[j])
@@ -89,7 +89,7 @@ class LastInterval:
             sigma = self._deviation(i, j, normal, maps, held)
             most = (apart - radius - 2 * PROVABLE) / np.maximum(sigma, PROVABLE)
             sigmas = np.clip(most, 0.0, sigmas)
-        sigma = self._deviation(i, j, normal, (found.free, found.pushed), held)
+        sigma = self._deviation(i, j, normal, (found.state_map, found.control_map), held)
         return radius + 2 * PROVABLE + sigmas * sigma
 
     def _deviation(

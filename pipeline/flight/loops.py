@@ -15,7 +15,7 @@ from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, World
-from pipeline.orbit.approaches import MOST_PAIRS, side_by_side
+from pipeline.orbit.approaches import MOST_PAIRS, swarm_partition
 from pipeline.orbit.arrays import Controls, States
 from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.planners.planner import Planner
@@ -161,7 +161,7 @@ def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements, errors: 
 
     Those of the plan where no safe ones are found, or they would cost too much.
     """
-    problem, alone = plan.scenario.problem, side_by_side((plan.scenario.n,))
+    problem, alone = plan.scenario.problem, swarm_partition((plan.scenario.n,))
     for required in asked_with_margin(requirements, problem, errors):
         (wider,) = with_back_off([plan], back_off, required)
         dear = wider.certificate.fuel > DEAR * plan.certificate.fuel

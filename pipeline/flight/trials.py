@@ -12,9 +12,9 @@ from pipeline.flight.world import World
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import feedback_gains
-from pipeline.orbit.nearest import nearer, nearest
+from pipeline.orbit.nearest import nearest, smaller_separation
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_cost import burned
+from pipeline.orbit.thrust_cost import interval_fuel
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
@@ -82,7 +82,7 @@ def fly_trials(
         state, encounters = _flown(world, around, start, burns.held, node, loss, h)
         met.append(encounters)
         share = np.where(stops, loss.time[:, None, None] / h - node, 1.0)
-        used += burned(burns.held * share, problem.thrust) * h
+        used += interval_fuel(burns.held * share, problem.thrust) * h
         missed += burns.missed
     least, miss = reduce(Encounters.nearer, met), _pushed(state, late) - scenario.goal
     miss = np.where(adrift[..., None], 0.0, miss)
@@ -121,7 +121,7 @@ def _flown(
         first = world.arc(start[k], held[k], node, (0.0, at))
         second = world.arc(first[:, -1, -1], after, node, (at, 1.0))
         before = nearest(first[None], node * h, at * h)
-        least = nearer(before, nearest(second[None], (node + at) * h, (1 - at) * h))
+        least = smaller_separation(before, nearest(second[None], (node + at) * h, (1 - at) * h))
         end[k] = plain(second[:, -1, -1])
         for name, one in vars(least).items():
             getattr(met.craft, name)[k] = one[0]

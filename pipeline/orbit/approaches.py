@@ -1,4 +1,4 @@
-"""Closest approaches of craft, found by branch and bound with proven lower bounds, no sampling."""
+"""Closest approaches of craft by branch and bound, with proven lower bounds and no sampling."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -10,8 +10,8 @@ from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,
+    CraftMask,
     Indices,
-    Marked,
     PositionMaps,
     Rows,
     Scalar,
@@ -32,15 +32,16 @@ from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4  # width in m of the bracket in which a least separation is found
-PROVABLE = 1.01 * TOLERANCE  # margin over a distance, m, that any later bracket's bound exceeds
+# Margin, m: a separation this far above a limit has, in any bracket, a bound above the limit
+PROVABLE = 1.01 * TOLERANCE
 MOST_PARTS = 64  # parts of an interval in one search; longer intervals are searched piece by piece
-AT_ONCE = 250  # motions whose pieces are searched at once, which bounds memory
-# Craft of a swarm, and pairs in all, up to which comparing all with all is faster than a tree
+AT_ONCE = 250  # motions that are searched in pieces at once, which bounds memory
+# Craft of a swarm, and pairs in all, up to which comparing all pairs is faster than a k-d tree
 FEW, MOST_PAIRS = 128, 300_000
-MANY = 300  # motions or parts from which those that are sure to be far are left out first
+MANY = 300  # motions or parts from which a prefilter by quick lower bounds pays
 TOGETHER = 20_000  # candidates that are searched at once, which bounds memory
-PAIRS_AT_ONCE = 100_000  # of those near in a tree that are compared at once, which bounds memory
-CHORDS = 4  # of an interval, whose middles are put in trees: shorter ones have fewer near
+PAIRS_AT_ONCE = 100_000  # pairs from a tree that are compared at once, which bounds memory
+CHORDS = 4  # per interval, whose midpoints are put in trees: shorter ones have fewer neighbours
 
 if TYPE_CHECKING:
     from pipeline.orbit.corridors import Faces
@@ -50,13 +51,13 @@ Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and i
 
 
 class SwarmPartition:
-    """Partition of the craft axis into independent swarms, by their numbers of craft."""
+    """Partition of the craft axis into independent swarms of given sizes."""
 
     def __init__(self, sizes: tuple[int, ...]) -> None:
         self.sizes = sizes
         self.label = np.repeat(np.arange(len(sizes)), sizes)  # the swarm of each craft
         self.starts = np.cumsum((0, *sizes[:-1]))  # the first craft of each swarm
-        # Whether all pairs can be compared.
+        # Whether swarms are small enough to compare all pairs.
         self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
         self.held = np.zeros(0, dtype=int)  # participants that are held where they are
         self.faces: Faces | None = None  # half-spaces that craft stay inside of
@@ -68,51 +69,53 @@ class SwarmPartition:
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
 
-    def each(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
-        """A value of all swarms, or of each, as one of every craft."""
+    def per_craft(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
+        """Expand one value for all swarms, or one for each swarm, to a value for each craft."""
         if isinstance(within, np.ndarray):
             return within.take(self.label)
         return np.full(len(self.label), within)
 
-    def beside(
+    def all_states(
         self, states: States, nodes: slice = slice(None)
     ) -> Float[Array, "participants T 6"]:
         """Node states of all participants, craft and obstacles; here of craft alone."""
         return states
 
-    def pushed(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
+    def all_controls(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
         """Controls of all participants, craft and obstacles; here of craft alone."""
         return controls
 
-    def marked(self, moved: Marked) -> Bool[Array, "participants"]:
+    def participant_mask(self, moved: CraftMask) -> Bool[Array, "participants"]:
         """The craft that are marked, as a mask of all participants."""
         return moved
 
-    def still(self, rows: Indices) -> Bool[Array, "k"]:
-        """Which participants no plan moves."""
+    def is_obstacle(self, rows: Indices) -> Bool[Array, "k"]:
+        """Which participants are obstacles, which no plan moves."""
         return np.zeros(len(rows), dtype=bool)
 
-    def local(self, swarm: int, row: int) -> int:
-        """The number of a participant within its swarm."""
+    def local_index(self, swarm: int, row: int) -> int:
+        """Index of a participant within its swarm."""
         return row - int(self.starts[swarm])
 
-    def asked(self, first: Indices, second: Indices) -> tuple[Vectors | None, Values | float]:
-        """Scales of the axes by which pairs' separation counts, and what is taken off it, m."""
+    def separation_scaling(
+        self, first: Indices, second: Indices
+    ) -> tuple[Vectors | None, Values | float]:
+        """Scales of the axes for pairs' separations, and an offset to subtract, m."""
         return None, 0.0
 
-    def apart(
+    def separations(
         self,
         one: Float[Array, "participants times 3"],
         other: Float[Array, "participants times 3"],
         first: Int[Array, "p"],
         second: Int[Array, "p"],
     ) -> Float[Array, "p times"]:
-        """The separation of pairs by their positions, m, as it compares with the collision radius.
+        """Separations of pairs, m, scaled and offset to compare with the collision radius.
 
-        Coordinates come first, so that each is one array for all pairs: several times faster.
+        Coordinates are the first axis in the computation, which is several times faster.
         """
         gap = one.transpose(2, 0, 1).take(first, 1) - other.transpose(2, 0, 1).take(second, 1)
-        scale, beyond = self.asked(first, second)
+        scale, beyond = self.separation_scaling(first, second)
         if scale is not None:
             gap *= scale.T[:, :, None]
         np.square(gap, out=gap)
@@ -121,8 +124,8 @@ class SwarmPartition:
 
 
 @lru_cache(maxsize=64)
-def side_by_side(sizes: tuple[int, ...]) -> SwarmPartition:
-    """Swarms of some sizes, cached so that their pairs are listed once."""
+def swarm_partition(sizes: tuple[int, ...]) -> SwarmPartition:
+    """The partition for swarms of some sizes, cached so that pairs are listed once."""
     return SwarmPartition(sizes)
 
 
@@ -151,48 +154,48 @@ def least_of_each(
 class Motions(Rows):
     """Relative motions over an interval of constant control."""
 
-    # state at its end, state at its start, m and m/s, and control, m/s²; on the last two, which lie
-    # side by side, all of the motion depends
-    flown: Float[Array, "k 15"]
-    reach: Values  # scaled distance from the origin up to which it is of interest, m
-    interval: Indices  # counted from the plan's first node
-    since: Values  # when they start, s since the interval's start
+    # state at the end, state at the start, m and m/s, and control, m/s², which with the start
+    # determines the motion
+    data: Float[Array, "k 15"]
+    reach: Values  # scaled distance from the origin within which motions are searched, m
+    interval: Indices  # index, from the plan's first node
+    since: Values  # start of the motion, s since the interval's start
     scale: Vectors | None = None  # of the axes in which distances count, at most 1
 
     @property
     def end(self) -> Float[Array, "k 6"]:
         """States at the end of the interval."""
-        return self.flown[:, :6]
+        return self.data[:, :6]
 
     @property
     def start(self) -> Float[Array, "k 6"]:
-        """States at its start."""
-        return self.flown[:, 6:12]
+        """States at the start of the interval."""
+        return self.data[:, 6:12]
 
     @property
-    def push(self) -> Vectors:
-        """Controls in it."""
-        return self.flown[:, 12:]
+    def control(self) -> Vectors:
+        """Controls in the interval."""
+        return self.data[:, 12:]
 
     def at(self, offset: Values, dynamics: Dynamics) -> tuple[PositionMaps, Vectors]:
         """Maps to positions at times since the start, s, and the positions."""
         A, B = dynamics.step(offset, self.interval, self.since)
         free, pushed = A[:, :3], B[:, :3]
-        return (free, pushed), np.matvec(free, self.start) + np.matvec(pushed, self.push)
+        return (free, pushed), np.matvec(free, self.start) + np.matvec(pushed, self.control)
 
 
 @dataclass(frozen=True, eq=False)
 class Closest(Rows):
-    """Relative motions over an interval, each where it is closest to the origin."""
+    """Closest points to the origin of relative motions over an interval."""
 
     offset: Values  # time since the interval's start, s
-    distance: Values  # separation at that time, m; where sizes differ as in ``Participants``
+    distance: Values  # separation at that time, m; scaled as in ``Participants`` where sizes differ
     bound: Values  # proven lower bound on the separation in the interval, m
-    free: Float[Array, "k 3 6"]  # map from the state at the interval's start to that position
-    pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
+    state_map: Float[Array, "k 3 6"]  # map from the state at the interval's start to that position
+    control_map: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
-    def less(self, beyond: Float[Array, "all"] | float, which: Indices) -> "Closest":
-        """Approaches with distances and bounds less by ``beyond``, of some numbers."""
+    def reduced_by(self, beyond: Float[Array, "all"] | float, which: Indices) -> "Closest":
+        """The approaches with offsets, of which ``which`` gives the indices, subtracted, m."""
         if isinstance(beyond, float):
             return self
         off = beyond[which]
@@ -209,12 +212,12 @@ class Approaches(Closest):
 
     first: Indices  # the craft with the lower index or, after a loss of thrust, the drifting one
     second: Indices  # the other craft
-    interval: Indices  # counted from the first node; after a loss of thrust also beyond the last
-    # at which the first lost its thrust; the last one, where it has none left to lose; or None
+    interval: Indices  # index, from the first node; after a loss of thrust also beyond the last
+    # at which the first craft lost its thrust; the last node where both are at their goals; or None
     node: Indices | None = None
 
     def times(self, problem: Problem) -> Values:
-        """When they are, s since the first node."""
+        """Times of the approaches, s since the first node."""
         return self.interval * problem.time_step + self.offset
 
 
@@ -225,27 +228,27 @@ def close_approaches(
     within: float | Float[Array, "swarms"],
     *,
     swarms: SwarmPartition | None = None,
-    moved: Marked | None = None,
+    moved: CraftMask | None = None,
     tolerance: float = TOLERANCE,
 ) -> Approaches:
-    """All closest approaches, one a pair and interval, that may come within a distance.
+    """All closest approaches, one for each pair and interval, that may be within a distance.
 
     Over an interval each craft stays in a ball about the middle of its chord, and only pairs whose
-    balls are near can matter; in large swarms, where balls about parts of the interval are. For
-    those it is branch and bound. On a stretch of length h the relative position is a cubic Hermite
-    interpolant up to h⁴/384 max|p⁗|, which the dynamics bound; and the cubic's squared distance is
-    nowhere below its least Bernstein coefficient. So every stretch has a lower bound; stretches
-    that cannot matter are dropped, the others split, until the bracket [bound, distance] is
-    ``tolerance`` wide, m.
+    balls are near can matter; in large swarms, pairs with near balls about parts of the interval.
+    Those are searched by branch and bound. On a stretch of length h the relative position is a
+    cubic Hermite interpolant up to h⁴/384 max|p⁗|, which the dynamics bound; and the cubic's
+    squared distance is nowhere below its least Bernstein coefficient. So every stretch has a lower
+    bound; stretches that cannot be closest are dropped, the others split, until the bracket [bound,
+    distance] is ``tolerance`` wide, m.
 
-    The distance ``within``, m, is of all swarms or of each; by default there is one swarm. Pairs
-    of which neither is ``moved`` are skipped. There is an entry for each pair and interval whose
-    bound is at most ``within``, by interval, first and second craft.
+    The distance ``within``, m, is one for all swarms or one for each; by default there is one
+    swarm. Pairs of which neither craft is ``moved`` are skipped. There is an entry for each pair
+    and interval whose bound is at most ``within``, by interval, first and second craft.
     """
-    swarms = swarms or side_by_side((len(states),))
-    reach = swarms.each(within)
-    states, controls = swarms.beside(states), swarms.pushed(controls)
-    moved = None if moved is None else swarms.marked(moved)
+    swarms = swarms or swarm_partition((len(states),))
+    reach = swarms.per_craft(within)
+    states, controls = swarms.all_states(states), swarms.all_controls(controls)
+    moved = None if moved is None else swarms.participant_mask(moved)
     intervals = controls.shape[1]
     i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
     flown = np.concatenate([states[:, 1:], states[:, :-1], controls], axis=2).reshape(-1, 15)
@@ -254,11 +257,11 @@ def close_approaches(
         first, second, interval = (each[begin : begin + TOGETHER] for each in (i, j, k))
         relative = flown.take(first * intervals + interval, 0)
         relative -= flown.take(second * intervals + interval, 0)
-        scale, beyond = swarms.asked(first, second)
+        scale, beyond = swarms.separation_scaling(first, second)
         within_reach = reach.take(first) + beyond
         motions = Motions(relative, within_reach, interval, np.zeros(len(interval)), scale)
         near, part = closest_to_origin(motions, problem.dynamics, problem.time_step, tolerance)
-        part = part.less(beyond, near)
+        part = part.reduced_by(beyond, near)
         who = (each.take(near) for each in (first, second, interval))
         found.append(Approaches(*vars(part).values(), *who))
     return found[0] if len(found) == 1 else Approaches.concatenated(found)
@@ -267,9 +270,9 @@ def close_approaches(
 def closest_to_origin(
     motions: Motions, dynamics: Dynamics, h: float, tolerance: float = TOLERANCE
 ) -> tuple[Indices, Closest]:
-    """Which motions may come within their distances in the h s that they take, and when."""
+    """Motions over h seconds that may come within their reach, and their closest points."""
     where = motions.interval, motions.since
-    fourth = dynamics.most_fourth_derivative(motions.start, motions.push, *where)
+    fourth = dynamics.fourth_derivative_bound(motions.start, motions.control, *where)
     remainder = h**4 / 384 * fourth
     curve = _scaled(hermite_bezier(motions.start, motions.end, h), motions.scale)
     near = (chord_bound(curve) - remainder <= motions.reach).nonzero()[0]
@@ -298,7 +301,7 @@ def closest_to_origin(
 def _scaled(
     points: Float[Array, "rows *some 3"], scale: Float[Array, "rows 3"] | None
 ) -> Float[Array, "rows *some 3"]:
-    """Points of motions in the scaled axes of their distances."""
+    """Points in the scaled axes in which distances are measured."""
     if scale is None:
         return points
     return points * scale.reshape(len(points), *[1] * (points.ndim - 2), 3)
@@ -307,10 +310,10 @@ def _scaled(
 def _closest_in_interval(
     motions: Motions, remainder: Values, dynamics: Dynamics, h: float, tolerance: float
 ) -> tuple[Values, Values]:
-    """When each motion is closest, as a share of the interval, and a bound on how close.
+    """When each motion is closest, as a share of the interval, and a lower bound on its distance.
 
-    Equal parts have exact states at their ends, and cubics between them that are off by no more
-    than a quarter of the tolerance. Each motion has its own number of parts, so that results do
+    Equal parts have exact states at their ends, and cubics between them that err by no more than a
+    quarter of the tolerance. Each motion has its own number of parts, so that results do
     not depend on what is searched beside it.
     """
     parts = np.maximum(1, np.ceil((remainder / (tolerance / 4)) ** 0.25)).astype(int)
@@ -331,17 +334,17 @@ def _closest_in_interval(
 def _closest_in_pieces(
     motions: Motions, _: Values, dynamics: Dynamics, h: float, tolerance: float
 ) -> tuple[Values, Values]:
-    """The same for intervals of too many parts, by pieces that are searched where they are near."""
+    """As ``_closest_in_interval``, for intervals of too many parts, cut into pieces first."""
     begins = h / MOST_PARTS * np.arange(MOST_PARTS + 1)
     when, bound = np.zeros(len(motions)), np.full(len(motions), np.inf)
     for some in np.array_split(np.arange(len(motions)), 1 + len(motions) // AT_ONCE):
         row, whole = np.repeat(some, MOST_PARTS), motions[some]
         A, B = dynamics.step(begins, whole.interval[:, None], whole.since[:, None])
-        states = np.matvec(A, whole.start[:, None]) + np.matvec(B, whole.push[:, None])
+        states = np.matvec(A, whole.start[:, None]) + np.matvec(B, whole.control[:, None])
         since = (whole.since[:, None] + begins[:-1]).ravel()
         ends = states[:, 1:].reshape(-1, 6), states[:, :-1].reshape(-1, 6)
-        flown = np.concatenate([*ends, motions.push[row]], axis=1)
-        pieces = replace(motions[row], flown=flown, since=since)
+        flown = np.concatenate([*ends, motions.control[row]], axis=1)
+        pieces = replace(motions[row], data=flown, since=since)
         near, found = closest_to_origin(pieces, dynamics, h / MOST_PARTS, tolerance)
         np.minimum.at(bound, row[near], found.bound)
         which, k = least_of_each(found.distance, row[near])
@@ -352,13 +355,13 @@ def _closest_in_pieces(
 def _curves(
     motions: Motions, part: Indices, many: Indices, dynamics: Dynamics, h: float
 ) -> Float[Array, "_ 4 3"]:
-    """Bezier points of the cubic of each motion in one of so many equal parts of its interval."""
+    """Bezier points of the cubic of each motion in one of the equal parts of its interval."""
     table = _part_maps(dynamics, h, int(many.max()))
     if table is not None:
         maps = table.take((many - 1) * many // 2 + part, 0)
-        return np.matvec(maps, motions.flown[:, 6:]).reshape(-1, 4, 3)
+        return np.matvec(maps, motions.data[:, 6:]).reshape(-1, 4, 3)
     begin, end = (
-        np.matvec(A, motions.start) + np.matvec(B, motions.push)
+        np.matvec(A, motions.start) + np.matvec(B, motions.control)
         for A, B in (
             dynamics.step(h * at / many, motions.interval, motions.since) for at in (part, part + 1)
         )
@@ -368,9 +371,9 @@ def _curves(
 
 @lru_cache(maxsize=64)
 def _part_maps(dynamics: Dynamics, h: float, most: int) -> Float[Array, "_ 12 9"] | None:
-    """From states and controls to Bezier points in each of 1, 2, … equal parts of an interval.
+    """Maps from states and controls to Bezier points in each of 1, 2, … equal parts of an interval.
 
-    None where intervals have maps of their own.
+    None where maps differ between intervals.
     """
     if dynamics.step(h, np.arange(1))[0].ndim > 2:
         return None
@@ -391,9 +394,9 @@ def _candidates(
     problem: Problem,
     reach: Float[Array, "craft"],
     swarms: SwarmPartition,
-    moved: Marked | None,
+    moved: CraftMask | None,
 ) -> Candidates:
-    """All pairs and intervals whose balls are within a distance: few compared, many by trees."""
+    """All pairs and intervals whose balls are within a distance: by comparison, or k-d trees."""
     dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
     if not swarms.few:
         chords = _chords(states, controls, dynamics, h)
@@ -406,7 +409,7 @@ def _candidates(
         kept = moved[i] | moved[j]
         i, j = i[kept], j[kept]
     own = radius[: len(reach)] + reach[:, None]  # the first of a pair is a craft
-    near = swarms.apart(middle, middle, i, j) <= own.take(i, 0) + radius.take(j, 0)
+    near = swarms.separations(middle, middle, i, j) <= own.take(i, 0) + radius.take(j, 0)
     k, pair = np.divmod(near.T.ravel().nonzero()[0], len(i))
     return i.take(pair), j.take(pair), k
 
@@ -419,22 +422,24 @@ def balls(
     h: float,
     interval: Indices,
 ) -> tuple[Vector, Scalar]:
-    """Middle and radius of a ball that each craft stays in over the first h s of an interval, m.
+    """Centre and radius of a ball that each craft stays in over the first h s of an interval, m.
 
-    Of states at its start and positions h s later: |p - chord| ≤ h²/8 max|p̈|.
+    From states at its start and positions h s later: |p - chord| ≤ h²/8 max|p̈|.
     """
     begin = start[..., :3]
-    sag = dynamics.most_acceleration(start, control, h, interval) * h**2 / 8
+    sag = dynamics.acceleration_bound(start, control, h, interval) * h**2 / 8
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
 @dataclass(frozen=True, eq=False)
 class _Chords(Rows):
-    """Chords of motions in equal parts of intervals; from each its motion is off by a sag."""
+    """Chords of motions in equal parts of intervals, with bounds on the deviation from them."""
 
     middle: Float[Array, "n *intervals chords 3"]  # m
     half: Float[Array, "n *intervals chords 3"]  # from the middle to the end, m
-    sag: Float[Array, "n *intervals chords"]  # at most, at any time from where it is then, m
+    sag: Float[
+        Array, "n *intervals chords"
+    ]  # bound on the deviation from uniform motion along the chord, m
 
 
 def _chords(states: States, controls: Controls, dynamics: Dynamics, h: float) -> _Chords:
@@ -442,7 +447,7 @@ def _chords(states: States, controls: Controls, dynamics: Dynamics, h: float) ->
     each, times = np.arange(controls.shape[1]), h / CHORDS * np.arange(CHORDS + 1)
     A, B = (maps[..., :3, :] for maps in dynamics.step(times, each[:, None]))
     at = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
-    sag = dynamics.most_acceleration(states[:, :-1], controls, h, each) * (h / CHORDS) ** 2 / 8
+    sag = dynamics.acceleration_bound(states[:, :-1], controls, h, each) * (h / CHORDS) ** 2 / 8
     begin, end = at[:, :, :-1], at[:, :, 1:]
     return _Chords((begin + end) / 2, (end - begin) / 2, sag[..., None].repeat(CHORDS, axis=-1))
 
@@ -451,17 +456,17 @@ def _by_trees(
     chords: _Chords,
     reach: Float[Array, "n"],
     swarms: SwarmPartition,
-    moved: Marked | None,
+    moved: CraftMask | None,
 ) -> tuple[Indices, Indices]:
-    """Pairs that may come within a distance in an interval, by k-d trees of its chords' middles.
+    """Pairs that may come within a distance in an interval, by k-d trees of its chords' midpoints.
 
-    Swarms are in far planes of a fourth dimension. Most pairs whose balls are near fly side by
-    side, so what counts is the distance between the chords at the same time.
+    A fourth coordinate keeps swarms far apart. Most pairs whose balls are near fly side by side,
+    so pairs are kept by the distance between their chords at equal times.
     """
     from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
 
     pairs, n = [], len(reach)
-    # Of few that moved a tree of their own is searched by.
+    # Where few craft moved, their own tree is compared with that of all.
     some = None if moved is None or 2 * moved.sum() > n else moved.nonzero()[0]
     for chord in range(CHORDS):
         middle, half, sag = (one[:, chord] for one in vars(chords).values())

@@ -14,8 +14,8 @@ from pipeline.arrays import Array, Bool, Float, Int
 Formation = Float[Array, "n 6"]
 States = Float[Array, "n T 6"]
 Controls = Float[Array, "n intervals 3"]
-OfCraft = Float[Array, "n"]  # a value of each of n craft
-Marked = Bool[Array, "n"]  # some of n craft
+PerCraft = Float[Array, "n"]  # a value of each of n craft
+CraftMask = Bool[Array, "n"]  # which of n craft
 
 AnyState = Float[Array, "*batch 6"]
 AnyStates = Float[Array, "*batch T 6"]
@@ -25,7 +25,7 @@ Scalar = Float[Array, "*batch"]
 
 Indices = Int[Array, "k"]
 Values = Float[Array, "k"]
-# From k states at intervals' starts, and from the controls there, to positions, as A and B of Eq. 2
+# Position rows of A and B of Eq. 2: from k states at starts of intervals, and controls in them
 PositionMaps = tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]]
 StepMaps = tuple[Float[Array, "*all 6 6"], Float[Array, "*all 6 3"]]  # A and B of Eq. 2
 Vectors = Float[Array, "k 3"]  # of k pairs, times or the like
@@ -38,7 +38,7 @@ Since = float | Float[Array, "*some"]  # s since an interval's start
 def mapped(
     maps: Float[Array, "*steps i j"], rows: Float[Array, "*batch j"]
 ) -> Float[Array, "*all i"]:
-    """Rows mapped by one matrix, or each interval's by its own."""
+    """Apply to each row the one matrix, or that of its interval."""
     return rows @ maps.T if maps.ndim == 2 else np.matvec(maps, rows)
 
 
@@ -46,7 +46,7 @@ SomeRows = TypeVar("SomeRows", bound="Rows")
 
 
 class Rows:
-    """Base of dataclasses whose fields are arrays with one row for each thing, or None."""
+    """Base of dataclasses of arrays with the same number of rows; a field may also be None."""
 
     def __len__(self) -> int:
         return len(next(iter(vars(self).values())))

@@ -7,12 +7,12 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int, namespace
 
-# Rows are mapped one by one: what a matrix product rounds depends on how many rows there are, and
-# no plan is to depend on what is planned beside it.
+# Rows are mapped one by one: rounding in a matrix product depends on the number of rows, and no
+# plan may depend on what is planned beside it.
 MAX_SPLITS = 40  # more than enough: each split at least quarters the error of the bracket
 NEWTON_STEPS = 2  # enough to be within rounding of a minimum where motion is nearly uniform
-NO_LENGTH = 1e-300  # squared length, m², so that a chord of none is no division by 0
-EDGE = 0.02  # a cubic that is closest this near to an end is halved instead of split there
+NO_LENGTH = 1e-300  # squared length, m², added so that a chord of length 0 divides nothing by 0
+EDGE = 0.02  # share of a cubic: if it is closest this near to an end, it is split in the middle
 
 
 def _bernstein(degree: int) -> Float[Array, "4 _"]:
@@ -33,11 +33,11 @@ SQUARED = np.array(
         for j in range(4)
     ]
 ).T.copy()
-# Coefficients of half its derivative, by powers, from these products
+# Power coefficients of half the derivative of |c|², from these products
 SLOPE = np.array(
     [np.convolve(CUBIC[:, i], CUBIC[1:, j] * [1, 2, 3]) for i in range(4) for j in range(4)]
 ).T.copy()
-# Weights of c's points in the points of both its parts, by powers of where it is split
+# Weights of c's points in the points of both its parts, by powers of the split parameter
 PARTS = np.zeros((32, 4))
 for _point in range(4):
     PARTS[4 * _point : 5 * _point + 1] = _bernstein(_point).T
@@ -72,12 +72,12 @@ def hermite_bezier(
 
 
 def point_on(curve: Float[Array, "s 4 3"], at: Float[Array, "s"]) -> Float[Array, "s 3"]:
-    """The point of each cubic at a share of it, by its Bernstein polynomials."""
+    """The point of each cubic at a parameter in [0, 1], by Bernstein polynomials."""
     return np.vecmat(np.matvec(CUBIC.T, np.vander(at, 4, increasing=True)), curve)
 
 
 def chord_bound(curve: Float[Array, "s 4 3"]) -> Float[Array, "s"]:
-    """A quick lower bound on each cubic's distance from the origin: its chord's, less the bend."""
+    """Quick lower bound on each cubic's distance from the origin, by its chord and its bend."""
     begin, chord = curve[:, 0], curve[:, 3] - curve[:, 0]
     s = _along(begin, chord)[:, None]
     leave, come = 3 * (curve[:, 1] - begin) - chord, 3 * (curve[:, 3] - curve[:, 2]) - chord
@@ -101,9 +101,9 @@ def branch_and_bound(
     """When each group of cubics is closest to the origin, and a lower bound on that distance.
 
     Cubics are split where they are closest: on either side |c|² then mostly grows, which its
-    Bernstein coefficients prove at once. Each is off by at most its remainder, beside which
-    brackets are ``tolerance`` wide. Each is a ``stretch`` of its group's motion, begin and width as
-    shares of the whole; stretches beyond the distance of interest, ``within``, are dropped.
+    Bernstein coefficients prove at once. Each cubic differs from the motion by at most its
+    remainder; brackets are ``tolerance`` wide besides. It is a ``stretch`` of its group's motion,
+    begin and width as shares of the whole; stretches farther than ``within`` are dropped.
     """
     left, width = stretch
     best = np.full(len(within), np.inf)
@@ -147,7 +147,7 @@ def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Arr
 
 
 def _along(begin: Float[Array, "s 3"], chord: Float[Array, "s 3"]) -> Float[Array, "s"]:
-    """Where in [0, 1] on its way along a chord each point is closest to the origin."""
+    """Parameter in [0, 1] at which each chord is closest to the origin."""
     along = -np.vecdot(begin, chord) / (np.vecdot(chord, chord) + NO_LENGTH)
     return np.minimum(np.maximum(along, 0.0), 1.0)
 

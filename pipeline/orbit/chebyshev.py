@@ -8,11 +8,11 @@ from numpy.polynomial import chebyshev
 
 from pipeline.arrays import Array, Float, like
 
-POINTS = 12  # of a piece, both ends included
-CUBICS = 8  # to which a piece is cut, so that cubics are off by micrometres
-ANGLE = 0.25  # most by which the reference turns in a piece, rad
-ITERATIONS = 40  # most of Picard's, each of which integrates the forces at the last one's positions
-ROUNDING = 1e-14  # share of the largest position by which they may change in the last iteration
+POINTS = 12  # collocation points of a piece, both ends included
+CUBICS = 8  # into which a piece is cut, so that they err by micrometres
+ANGLE = 0.25  # largest angle by which the reference turns in a piece, rad
+ITERATIONS = 40  # at most, of Picard's method: each integrates the forces at the last positions
+ROUNDING = 1e-14  # share of the largest position: smaller changes are convergence
 # On [-1, 1], ascending
 NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
 # From values at the points to Chebyshev coefficients, and to those of derivatives by their order
@@ -23,22 +23,19 @@ INTEGRAL = chebyshev.chebvander(NODES, POINTS) @ chebyshev.chebint(COEFFICIENTS,
 
 
 def pieces_of(angle: float) -> int:
-    """Pieces, at least one, into which motion is cut while the reference turns by an angle, rad."""
+    """Number of pieces, at least one, for motion while the reference turns by an angle, rad."""
     return max(1, ceil(angle / ANGLE))
 
 
 def basis(at: Float[Array, "*batch"]) -> Float[Array, "*batch q"]:
-    """The Chebyshev polynomials at places in [-1, 1]."""
+    """Values of the Chebyshev polynomials at arguments in [-1, 1]."""
     return chebyshev.chebvander(at.ravel(), POINTS - 1).reshape(*at.shape, POINTS)
 
 
-def most_derivative(
+def derivative_bound(
     values: Float[Any, "*batch q d"], order: int, half: float
 ) -> Float[Any, "*batch d"]:
-    """Upper bound on a derivative's size over a piece of 2 ``half`` s, from values at its points.
-
-    Of arrays or tensors.
-    """
+    """Upper bound on a derivative over a piece of 2 ``half`` s, from values (array or tensor)."""
     # Absolute coefficients are added up, since no Chebyshev polynomial exceeds 1.
     found = abs(like(DERIVATIVES[order], values) @ values).sum(axis=-2)
     return found / half**order

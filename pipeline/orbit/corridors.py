@@ -14,15 +14,15 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_finite, check_kind, check_vector, is_whole
 from pipeline.orbit.approaches import TOLERANCE, least_of_each
-from pipeline.orbit.arrays import Controls, Indices, Marked, Rows, States, Values, Vectors
-from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
-from pipeline.orbit.nearest import Nearest, nowhere
+from pipeline.orbit.arrays import Controls, CraftMask, Indices, Rows, States, Values, Vectors
+from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
+from pipeline.orbit.nearest import Nearest, no_pairs
 from pipeline.orbit.problem import Problem
 
-SIDES = 16  # of the pyramid inside an approach cone; its sides are cos(π/16), 98 %, as far out
-MOST_NARROWED = 0.9  # share of its width by which a box is made narrower at most
+SIDES = 16  # of the pyramid inscribed in an approach cone; its inradius is 98 % of the cone's
+MOST_NARROWED = 0.9  # largest share of its width by which a box is made narrower
 STEEPEST = 89.0  # half-angle of a cone, deg
-ROUNDING = 1e-9  # share of an interval by which a time may lie outside of it
+ROUNDING = 1e-9  # tolerance of times at the ends of an interval, as a share of it
 
 Point = tuple[float, float, float]
 
@@ -53,13 +53,13 @@ class Box:
         return np.concatenate([axes, -axes]), np.array([*self.max, *(-low for low in self.min)])
 
     def narrower(self, by: float) -> "Box":
-        """The box with its faces so much further in, m, as far as it still has an inside."""
+        """The box with its faces moved inward by a distance, m, but not until it is empty."""
         low, high = np.array(self.min), np.array(self.max)
         by = np.minimum(by, MOST_NARROWED * (high - low) / 2)
         return Box(*(tuple(one.tolist()) for one in (low + by, high - by)))
 
     def outline(self) -> Float[Array, "_ 3"]:
-        """A line along all edges, for figures, m."""
+        """Points of a line along all edges, for figures, m."""
         ends = np.array([self.min, self.max])
         walk = (0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4)  # corners, by their bits
         return np.array([[ends[corner >> k & 1, k] for k in range(3)] for corner in walk])
@@ -67,7 +67,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Cone:
-    """An approach cone; craft stay inside the pyramid of SIDES sides whose edges are on it."""
+    """An approach cone; craft stay inside the inscribed pyramid of SIDES sides."""
 
     apex: Point  # m
     axis: Point  # direction in which it opens, of any length
@@ -105,7 +105,7 @@ class Cone:
         return normal, normal @ np.array(self.apex)
 
     def narrower(self, by: float) -> "Cone":
-        """The cone with its apex so far along the axis that its faces are so much further in, m."""
+        """The cone moved along its axis so that its faces are a distance further in, m."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         apex = np.array(self.apex) - by / (self.faces[0] @ axis).mean() * axis
         return Cone(tuple(apex.tolist()), self.axis, self.half_angle_deg)
@@ -144,7 +144,7 @@ class Corridor:
 
 
 def check_corridors(corridors: Sequence[Corridor], n: int, problem: Problem) -> None:
-    """Refuse corridors of craft or times that there are not, with an InputError."""
+    """Raise InputError for corridors of craft that do not exist or times outside the transfer."""
     for k, one in enumerate(corridors):
         if not 0 <= one.begin <= one.end <= problem.duration:
             raise InputError(
@@ -162,7 +162,7 @@ class Faces(Rows):
     """Half-spaces that craft stay inside of for some time."""
 
     craft: Indices  # row of the craft
-    corridor: Indices  # number of the corridor, of its scenario
+    corridor: Indices  # index of the corridor in its scenario
     normal: Vectors  # a, of length 1
     offset: Values  # b, m
     begin: Values  # s since the first node
@@ -170,7 +170,7 @@ class Faces(Rows):
 
     @classmethod
     def of(cls, corridors: Sequence[Corridor], n: int, first: int = 0) -> "Faces":
-        """The faces of a scenario's corridors, whose n craft begin at a row."""
+        """The faces of the corridors of a scenario with n craft, from row ``first`` on."""
         none, nowhere = np.zeros(0, dtype=int), np.zeros(0)
         parts = [cls(none, none, np.zeros((0, 3)), nowhere, nowhere, nowhere)]
         for k, one in enumerate(corridors):
@@ -184,21 +184,27 @@ class Faces(Rows):
 
 @dataclass(frozen=True, eq=False)
 class Margins(Rows):
-    """Where craft are least inside a face within an interval."""
+    """Least distances of craft from corridors' faces within intervals, positive inside."""
 
-    face: Indices  # number of the face
-    interval: Indices  # which
+    face: Indices  # index of the face
+    interval: Indices  # index of the interval
     offset: Values  # time since the interval's start, s
     margin: Values  # b - a · p at that time, m
     bound: Values  # proven lower bound on it in the interval, m
-    free: Float[Array, "k 3 6"]  # map from the state at the interval's start to the position then
-    pushed: Float[Array, "k 3 3"]  # map from the control in the interval to it
+    state_map: Float[
+        Array, "k 3 6"
+    ]  # map from the state at the interval's start to the position then
+    control_map: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
 
 def margins(
-    states: States, controls: Controls, problem: Problem, faces: Faces, moved: Marked | None = None
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    faces: Faces,
+    moved: CraftMask | None = None,
 ) -> Margins:
-    """How far craft stay inside of each face, in each interval in which they have to."""
+    """Least margin of craft inside each face, in each interval in which the face counts."""
     h = problem.time_step
     begin, end, wanted = _stretches(faces, h * np.arange(problem.intervals), h)
     if moved is not None:
@@ -207,7 +213,7 @@ def margins(
     begin, length = begin[face, k], (end - begin)[face, k]
     craft, normal, offset = faces.craft[face], faces.normal[face], faces.offset[face]
     start, push = states[craft, k], controls[craft, k]
-    fourth = problem.dynamics.most_fourth_derivative(start, push, k)
+    fourth = problem.dynamics.fourth_derivative_bound(start, push, k)
     parts = np.maximum(1, np.ceil((length**4 / 384 * fourth * 4 / TOLERANCE) ** 0.25)).astype(int)
     row = np.repeat(np.arange(len(face)), parts)
     part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -231,13 +237,13 @@ def margins(
     return Margins(face, k, time, margin, bound, free, pushed)
 
 
-def least_inside(
+def least_margin(
     states: Float[Array, "trials n pieces q 6"], faces: Faces, start: float, duration: float
 ) -> Nearest:
-    """How far craft stay inside of corridors at any time of an arc that is given as in ``nearest``.
+    """Least margin of craft inside corridors at any time of an arc, given as in ``nearest``.
 
-    The least of each trial, below 0 outside, with the craft as ``first`` and the number of the
-    corridor as ``second``.
+    For each trial, negative outside, with the craft as ``first`` and the index of the corridor as
+    ``second``.
     """
     trials, pieces = len(states), states.shape[2]
     length = duration / pieces
@@ -245,7 +251,7 @@ def least_inside(
     begin, end, wanted = _stretches(faces, starts, length)
     face, piece = np.nonzero(wanted)
     if len(face) == 0:
-        return nowhere(trials)
+        return no_pairs(trials)
     begin, step = begin[face, piece], (end - begin)[face, piece] / CUBICS
     times = begin[:, None] + step[:, None] * np.arange(CUBICS + 1)
     motion = states[:, faces.craft[face], piece].reshape(trials, len(face), -1, 2, 3)
@@ -255,7 +261,7 @@ def least_inside(
     both = [(one[..., 0].ravel(), one[..., 1].ravel()) for one in (ends[:, :, :-1], ends[:, :, 1:])]
     most, share = (one.reshape(trials, -1) for one in _largest(both, cubics.ravel()))
     margin = np.repeat(faces.offset[face], CUBICS) - most
-    fourth = most_derivative(along[..., 1:], 3, length / 2)[..., 0]
+    fourth = derivative_bound(along[..., 1:], 3, length / 2)[..., 0]
     bound = margin - np.repeat(step**4 / 384 * fourth, CUBICS, axis=1)
     best = margin.argmin(axis=1)
     k, cubic = np.divmod(best, CUBICS)
@@ -267,24 +273,24 @@ def least_inside(
 def _stretches(
     faces: Faces, starts: Values, h: float
 ) -> tuple[Float[Array, "F K"], Float[Array, "F K"], Bool[Array, "F K"]]:
-    """From when to when faces count in intervals, s since their starts, and whether they do."""
+    """Begins and ends of the time in which faces count in intervals, s, and whether they do."""
     begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
     end = np.clip(faces.end[:, None] - starts, 0.0, h)
-    # Of a stretch without length, at one time alone, an interval with that time is looked at.
+    # A face that counts at a single time counts in each interval that contains it.
     since = faces.begin[:, None] - starts
     at_once = (faces.begin == faces.end)[:, None] & (-ROUNDING * h <= since)
     return begin, end, (end > begin) | (at_once & (since <= h + ROUNDING * h))
 
 
 def _largest(ends: Sequence[tuple[Values, Values]], h: Values) -> tuple[Values, Values]:
-    """Largest value of each cubic with values and slopes at both ends, h s apart, and its share."""
+    """Largest value of each cubic, from values and slopes at both ends, h s apart, and where."""
     (c0, v0), (c3, v3) = ends
     c1, c2 = c0 + h / 3 * v0, c3 - h / 3 * v3
     d0, d1, d2 = c1 - c0, c2 - c1, c3 - c2
     # d0 (1 - t)² + 2 d1 t (1 - t) + d2 t² = 0
     a, b = d0 - 2 * d1 + d2, d1 - d0
     q = -(b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(b * b - a * d0, 0.0)))
-    with np.errstate(over="ignore"):  # of a line, whose root is beyond its ends
+    with np.errstate(over="ignore"):  # where the cubic is a line, whose root is far outside
         roots = [
             np.divide(one, other, out=np.zeros_like(q), where=np.abs(other) > 0)
             for one, other in ((q, a), (d0, q))

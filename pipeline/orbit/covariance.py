@@ -1,4 +1,4 @@
-"""Covariances of craft about their plan, in open or closed loop, through the linear model."""
+"""Linear covariance analysis of craft about their plan, in open or closed loop."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -12,10 +12,10 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
 
-NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding of the planner's
+NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding error and no burn
 
-# Largest errors, SI: beyond any with which craft would be flown near each other
-MOST = {
+# Largest errors that are accepted, SI: no swarm would be flown with larger ones
+MAX_ERRORS = {
     **dict.fromkeys(("position", "position_bias", "semi_major_axis", "timing"), 1e3),
     **dict.fromkeys(("velocity", "velocity_bias", "magnitude_fixed", "direction_fixed"), 10.0),
     **dict.fromkeys(("magnitude", "direction", "magnitude_bias", "direction_bias"), 0.3),
@@ -28,26 +28,26 @@ MOST = {
 class Uncertainty:
     """1-σ errors of navigation and of thrust execution, independent Gaussians.
 
-    A burn is one interval's control. Its errors are Gates's proportional and fixed ones (Gates
-    1963, "A simplified model of midcourse maneuver execution errors", JPL TR 32-504): along the
-    burn in its size, across it in its direction.
+    A burn is the control of one interval. Its errors are Gates's proportional and fixed ones
+    (Gates 1963, "A simplified model of midcourse maneuver execution errors", JPL TR 32-504): along
+    the burn in magnitude, across it in direction.
 
     Attributes:
-        position: of each component of a position as it is known, m.
-        velocity: of each component of a velocity as it is known, m/s.
-        magnitude: of a burn's size, as a share of it.
+        position: of each component of an estimated position, m.
+        velocity: of each component of an estimated velocity, m/s.
+        magnitude: of a burn's magnitude, as a share of it.
         direction: of a burn's direction, about each axis across it, rad.
         position_bias: of an estimated position, over a whole transfer, m.
         velocity_bias: of an estimated velocity, over a whole transfer, m/s.
         magnitude_fixed: of a burn's Δv along it, whatever its size, m/s.
         direction_fixed: of a burn's Δv along each axis across it, m/s.
-        magnitude_bias: of the size of all burns of a craft in a transfer, as a share.
-        direction_bias: about each axis, of a rotation that turns all of them, rad.
-        semi_major_axis: of the relative semi-major axis as it is known, m, where it is known better
-            than position and velocity alone say, as by a filter: then ẏ = -2e x + e δa / 2. Above
-            0 it takes the place of the velocity's along y.
-        navigation_time: in which errors of navigation lose their memory (Gauss-Markov), s.
-        latency: intervals by which states are known late, 0 or 1.
+        magnitude_bias: of the magnitude of all burns of a craft in a transfer, as a share.
+        direction_bias: about each axis, of a common rotation of all burns of a craft, rad.
+        semi_major_axis: of the estimated relative semi-major axis, m, where a filter knows it
+            better than position and velocity errors imply: then ẏ = -2e x + e δa / 2. Above 0 it
+            replaces the error of the velocity along y.
+        navigation_time: correlation time of errors of navigation (Gauss-Markov), s.
+        latency: delay of estimated states in intervals, 0 or 1.
     """
 
     position: float = 0.0
@@ -67,7 +67,7 @@ class Uncertainty:
     def __post_init__(self) -> None:
         fields_as_python(self)
         for name, value in vars(self).items():
-            check_range(name, value, 0.0, MOST[name])
+            check_range(name, value, 0.0, MAX_ERRORS[name])
         if self.latency not in (0, 1):
             raise InputError(
                 f"latency is {self.latency:g}; expected 0 or 1, the intervals by which states are "
@@ -75,22 +75,24 @@ class Uncertainty:
             )
 
     def gaussian(self, time_step: float) -> "Uncertainty":
-        """The Gaussian errors alone, where a subclass has others too; intervals take so many s."""
+        """The Gaussian errors alone; a subclass may have others. The time step is in s."""
         return Uncertainty(**{f.name: getattr(self, f.name) for f in fields(Uncertainty)})
 
 
 @dataclass(frozen=True, eq=False)
 class Dispersion:
-    """Errors of each craft's motion about its plan, linear in J standard normals.
+    """Errors of each craft's motion about its plan, linear in J standard normal variables.
 
-    The normals are those of the errors of navigation, three of each burn and four of a craft's
-    thrusters. Craft err independently: covariances of a pair's difference are sums of both craft's.
+    The variables are those of the errors of navigation, three for each burn and four for a craft's
+    thrusters. Errors of craft are independent: covariances of a difference are sums.
     """
 
     state: Float[Array, "n T 6 J"]  # effect on each node's state, m and m/s
     control: Float[Array, "n intervals 3 J"]  # effect on each interval's control, m/s²
-    commanded: Float[Array, "n intervals 3 3"]  # covariance of what feedback adds to controls
-    own: int = 0  # normals of a craft's own thrusters: a pair has those of both, all others once
+    correction_covariance: Float[
+        Array, "n intervals 3 3"
+    ]  # covariance of what feedback adds to controls
+    thruster_normals: int = 0  # variables of a craft's thrusters; a pair has those of both craft
 
     @cached_property
     def state_covariance(self) -> Float[Array, "n T 6 6"]:
@@ -107,27 +109,27 @@ class Dispersion:
         """Covariance of the difference of two craft: state at an interval's start, and control."""
         return self.covariance[first, interval] + self.covariance[second, interval]
 
-    def most_acceleration(self, problem: Problem) -> Float[Array, "n intervals"]:
+    def acceleration_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square error of the acceleration in each interval, m/s²."""
         # The Frobenius norm, whose square is the mean square, obeys the triangle inequality.
         intervals = np.arange(problem.intervals)[:, None]
         columns = self.state[:, :-1].mT, self.control.mT
-        return norm(problem.dynamics.most_acceleration(*columns, problem.time_step, intervals))
+        return norm(problem.dynamics.acceleration_bound(*columns, problem.time_step, intervals))
 
-    def most_deviation(self, problem: Problem) -> Float[Array, "n intervals"]:
+    def deviation_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square distance from the plan in each interval, m."""
         # Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord.
         at_nodes = np.sqrt(np.square(self.state[:, :, :3]).sum(axis=(2, 3)))
-        bend = self.most_acceleration(problem) * problem.time_step**2 / 8
+        bend = self.acceleration_bound(problem) * problem.time_step**2 / 8
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
 
 
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:
-    """Linear covariance analysis: dispersions about the trajectories that controls, m/s², fly.
+    """Linear covariance analysis: dispersions about the trajectories of controls, m/s².
 
-    They are the same for any initial states. In open loop, or with ``pipeline.orbit.feedback``.
+    They do not depend on initial states. In open loop, or with ``pipeline.orbit.feedback``.
     """
     noise, bias = navigation_roots(uncertainty, problem)
     burn = burn_deviation(controls, problem, uncertainty)
@@ -139,14 +141,14 @@ def dispersion(
     known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
     responses = closed_loop_responses(problem, bool(uncertainty.latency))
     first = _driven(responses, known, burn, thruster)
-    burn = burn_deviation(controls, problem, uncertainty, first.commanded)
+    burn = burn_deviation(controls, problem, uncertainty, first.correction_covariance)
     return _driven(responses, known, burn, thruster)
 
 
 def navigation_roots(
     uncertainty: Uncertainty, problem: Problem
 ) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
-    """Roots of the covariances of known states, m and m/s: of what is new at a node, and bias."""
+    """Square roots of covariances of estimated states, m and m/s: noise at a node, and bias."""
     noise = np.diag(np.repeat([uncertainty.position, uncertainty.velocity], 3))
     bias = np.diag(np.repeat([uncertainty.position_bias, uncertainty.velocity_bias], 3))
     size, rate = uncertainty.semi_major_axis, problem.mean_motion
@@ -156,7 +158,7 @@ def navigation_roots(
 
 
 def _joint(one: Float[Array, "6 6"], other: Float[Array, "6 6"]) -> Float[Array, "6 6"]:
-    """A root of the sum of two covariances, of which the second is diagonal."""
+    """A square root of the sum of two covariances, given by square roots."""
     if not other.any():
         return one
     values, vectors = np.linalg.eigh(one @ one.T + other @ other.T)
@@ -164,18 +166,18 @@ def _joint(one: Float[Array, "6 6"], other: Float[Array, "6 6"]) -> Float[Array,
 
 
 def correlation_root(uncertainty: Uncertainty, problem: Problem) -> Float[Array, "m m"]:
-    """Root of the correlation of errors of navigation between nodes but the last."""
+    """Square root of the correlation matrix of navigation errors at all nodes but the last."""
     nodes = np.arange(problem.intervals)
     if uncertainty.navigation_time == 0:
         return np.eye(len(nodes))
-    apart = np.abs(nodes[:, None] - nodes) * problem.time_step
-    return np.linalg.cholesky(np.exp(-apart / uncertainty.navigation_time))
+    lag = np.abs(nodes[:, None] - nodes) * problem.time_step
+    return np.linalg.cholesky(np.exp(-lag / uncertainty.navigation_time))
 
 
 def thruster_deviation(
     controls: Controls, uncertainty: Uncertainty
 ) -> Float[Array, "n intervals 3 4"]:
-    """Effect of a bias in size and of a rotation of a craft's thrusters on its controls, m/s²."""
+    """Effect of a magnitude bias and a rotation of a craft's thrusters on its controls, m/s²."""
     found = np.zeros((*controls.shape, 4))
     found[..., 0] = uncertainty.magnitude_bias * controls
     found[..., 1:] = uncertainty.direction_bias * np.cross(np.eye(3), controls[..., None, :]).mT
@@ -188,7 +190,7 @@ def _driven(
     burn: Float[Array, "n intervals 3 3"],
     thruster: Float[Array, "n intervals 3 4"],
 ) -> Dispersion:
-    """Responses to errors of navigation, of burns and of thrusters with such roots."""
+    """The dispersion that errors with these square roots of covariances cause by responses."""
     (n, m), count = burn.shape[:2], len(known)
 
     def columns(navigation: Array, burns: Array) -> Array:
@@ -202,39 +204,39 @@ def _driven(
 
     state = columns(to.state_to_navigation, to.state_to_burns)
     control = columns(to.control_to_navigation, to.control_to_burns)
-    commanded = control @ control.mT
+    correction = control @ control.mT
     for k in range(m):
         control[:, k, :, count + 3 * k : count + 3 * k + 3] += burn[:, k]
     control[..., -4:] += thruster
     own = 4 if thruster.any() else 0
     used = slice(None if own else -4)
-    return Dispersion(state[..., used], control[..., used], commanded, own)
+    return Dispersion(state[..., used], control[..., used], correction, own)
 
 
 def burn_deviation(
     controls: Controls,
     problem: Problem,
     uncertainty: Uncertainty,
-    commanded: Float[Array, "n intervals 3 3"] | None = None,
+    correction: Float[Array, "n intervals 3 3"] | None = None,
 ) -> Float[Array, "n intervals 3 3"]:
     """The symmetric square root of each burn's covariance, by Gates's model, m/s².
 
     ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. Where a
-    control has the covariance ``commanded`` C itself, its error has σd² (tr C I - C) + σm² C more;
-    the larger of both fixed errors counts along every axis.
+    control has the covariance ``correction`` C itself, its error has σd² (tr C I - C) + σm² C more;
+    the larger of both fixed errors is taken along every axis.
     """
     size = norm(controls)[..., None, None]
     along, across = uncertainty.magnitude, uncertainty.direction
     unit = controls[..., :, None] * controls[..., None, :] / np.where(size > 0, size, 1.0)
     root = across * size * np.eye(3) + (along - across) * unit
     fixed = max(uncertainty.magnitude_fixed, uncertainty.direction_fixed) / problem.time_step
-    if commanded is None and fixed == 0:
+    if correction is None and fixed == 0:
         return root
-    counts = size > NO_BURN if commanded is None else True
+    counts = size > NO_BURN if correction is None else True
     covariance = root @ root + fixed**2 * np.eye(3) * counts
-    if commanded is not None:
-        total = np.trace(commanded, axis1=-2, axis2=-1)[..., None, None]
-        covariance += across**2 * total * np.eye(3) + (along**2 - across**2) * commanded
+    if correction is not None:
+        total = np.trace(correction, axis1=-2, axis2=-1)[..., None, None]
+        covariance += across**2 * total * np.eye(3) + (along**2 - across**2) * correction
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :] @ vectors.mT
 
@@ -242,11 +244,11 @@ def burn_deviation(
 def deviation_along(
     normal: Vectors, maps: PositionMaps, covariance: Float[Array, "k 9 9"]
 ) -> Values:
-    """Standard deviation of a relative position along unit vectors, m, by its maps."""
+    """Standard deviation of relative positions along unit vectors, m."""
     row = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
     return standard_deviation(row, covariance)
 
 
 def standard_deviation(rows: Float[Array, "k d"], covariance: Float[Array, "k d d"]) -> Values:
-    """Standard deviations of linear functionals, as rows, of errors with some covariances."""
+    """Standard deviations of linear functionals (rows) of errors with given covariances."""
     return np.sqrt(np.maximum(np.vecdot(np.vecmat(rows, covariance), rows), 0.0))

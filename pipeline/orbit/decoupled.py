@@ -1,11 +1,11 @@
-"""Decoupled optima of one craft: least fuel by a table of facets, least thrust limit by an LP.
+"""Optima of single craft: minimum fuel by a table of facets, minimum thrust limit by an LP.
 
 The least fuel for a change b of the final state, min ‖u‖₁ subject to R u = b, is the gauge of the
 convex hull of R's columns and their negatives. The facet that the ray to b meets has the optimal
-basis at its corners, which thrusters burn when and which way; the weights by which they give b are
-the burns; and its normal y, with yᵀp = 1 at the corners and so |Rᵀy| ≤ 1, is the dual solution.
-R is the same for all craft of a problem: Qhull finds its facets once. Decoupled motions, such as
-in-plane and cross-track, have hulls of their own, of few dimensions.
+basis at its corners: which thrusters burn, when and in which direction. The weights that combine
+them to b are the burns; and its normal y, with yᵀp = 1 at the corners and so |Rᵀy| ≤ 1, is the dual
+solution. R is the same for all craft of a problem: Qhull finds its facets once. Decoupled motions,
+such as in-plane and cross-track, have hulls of their own, of few dimensions.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
 NEGLIGIBLE = 1e-12  # share of R's largest entry that counts as 0; velocities times the duration
-FLAT = 1e10  # condition number from which a facet is flat; others cover what it would
+FLAT = 1e10  # condition number from which a facet is degenerate; its neighbours cover its place
 ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a primal exceed its dual
-SHORT = 1e-6  # share of a change of state that a transfer may leave undone by rounding
-MISSED = np.repeat([1e-6, 1e-9], 3)  # what a transfer may leave undone in any case, m and m/s
+SHORT = 1e-6  # share of a change of state that a transfer may miss it by, for rounding
+MISSED = np.repeat([1e-6, 1e-9], 3)  # error at the goal that is allowed in any case, m and m/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Facets:
 
     component: Int[Array, "d"]  # components of the state
     column: Int[Array, "F d"]  # control, flattened by time, at each corner of each facet
-    sign: Float[Array, "F d"]  # direction in which it acts there
+    sign: Float[Array, "F d"]  # sign of the control there
     weights: Float[Array, "F d d"]  # from a change of the components to the corners' weights
     dual: Float[Array, "F d"]  # y of each facet, scaled so that |Rᵀy| ≤ 1 holds beyond rounding
 
@@ -48,11 +48,14 @@ class MinimumFuelTransfers:
     bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, m/s²
     dual: Float[Array, "N 6"]  # y that proves it: bound = missᵀy and |reachᵀy| ≤ 1
     basis: Int[Array, "N 6"]  # controls of the basis, flattened by time; + 3(T-1) if negative
-    exact: Bool[Array, "N"]  # whether the controls need no more than the bound but for rounding
+    exact: Bool[Array, "N"]  # whether the controls attain the bound within rounding
 
 
-def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers | None:
-    """Least-fuel controls for changes of state, m and m/s, without a limit; None without a hull."""
+def minimum_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers | None:
+    """Minimum-fuel controls for changes of state, m and m/s, without thrust limit, or None.
+
+    None where ``facets_of`` is None.
+    """
     table = facets_of(problem)
     if table is None:
         return None
@@ -66,7 +69,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransf
         weight = np.matvec(facets.weights.take(chosen, 0), part)
         outside = weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)
         for k in outside.nonzero()[0].tolist():
-            # Of several in one plane the ray meets the one whose weights are not negative.
+            # Of several coplanar facets the ray meets the one whose weights are not negative.
             near = np.flatnonzero(value[k] >= value[k].max() - ROUNDING * np.abs(value[k].max()))
             weights = np.matvec(facets.weights[near], part[k])
             best = weights.min(axis=1).argmax()
@@ -84,7 +87,7 @@ def least_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransf
 
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
-    """The hulls of a problem, computed once; None where some state is out of reach."""
+    """The hulls of a problem, computed once; None where some state is not reachable."""
     scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
@@ -96,7 +99,7 @@ def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
     try:
         found = zip(parts, used, points, corners(points), strict=True)
         return tuple(_facets(*one, scale[one[0]]) for one in found)
-    except (RuntimeError, ValueError):  # flat, or nothing but a point
+    except (RuntimeError, ValueError):  # degenerate hull
         return None
 
 
@@ -112,7 +115,7 @@ def _facets(
     corner: Int[Array, "F d"],
     scale: Float[Array, "d"],
 ) -> Facets:
-    """The hull of some components: points are what the controls used do to them, and less that."""
+    """The hull of some components; points are the effects of the used controls, of either sign."""
     corner = corner[np.linalg.cond(points[corner]) < FLAT]
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
     dual = inverse.sum(axis=2)  # solves corners · y = 1
@@ -124,30 +127,30 @@ def _facets(
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)
 
 
-def least_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
-    """Least limit on components, or thrusters, that lets craft join their two states, m/s².
+def minimum_limits(initial: Formation, goal: Formation, problem: Problem) -> Float[Array, "n"]:
+    """Least limit on components, or thrusters, with which each craft reaches its goal, m/s².
 
-    Infinite where no thrust does. The problem's own limit is ignored. A thruster that is pointed
-    has limits of its components.
+    Infinite where no thrust suffices. The problem's own limit is ignored. A thruster that is
+    pointed is taken to have limits on its components.
     """
     maps = transfer_maps(problem)
     miss = goal - np.matvec(maps.drift[-1], initial)
     burns = np.ones((len(miss), problem.intervals), dtype=bool)
-    return least_limits_within(miss, maps.reach[-1:], burns, problem)
+    return minimum_limits_at_nodes(miss, maps.reach[-1:], burns, problem)
 
 
-def least_limits_within(
+def minimum_limits_at_nodes(
     miss: Float[Array, "n r"],
     reach: Float[Array, "#n r m"],
     burns: Bool[Array, "n intervals"],
     problem: Problem,
 ) -> Float[Array, "n"]:
-    """Least limits, as ``least_limits``, for changes of states at some nodes, m and m/s.
+    """Least limits, as ``minimum_limits``, for changes of states at some nodes, m and m/s.
 
     Changes are six for each node; reach is the effect of flattened controls on them, and craft burn
-    in the intervals given. A linear program for each craft: with every component of w within ±1, or
-    every thrust from 0 to 1, how many times s the change b can R w = s b be? A limit of 1/s is what
-    it takes. All are solved in one call, scaled by the controls of least energy.
+    only in the intervals given. A linear program for each craft: maximize s subject to R w = s b,
+    with every component of w within ±1, or every thrust from 0 to 1. The least limit is 1/s. All
+    are solved in one call, scaled by the controls of least energy.
     """
     # Slow to import, and only a check of a scenario needs them.
     from scipy.optimize import linprog
@@ -188,7 +191,7 @@ def least_limits_within(
     return limits
 
 
-def least_cost(
+def craft_fuel_bound(
     miss: Float[Array, "r"],
     reach: Float[Array, "r m"],
     burns: Bool[Array, "intervals"],
@@ -197,15 +200,15 @@ def least_cost(
 ) -> float:
     """Lower bound on one craft's fuel, m/s², for given changes of its states at some nodes.
 
-    By a linear program of thrusters; for one that is pointed, of so many that it does nothing more
-    cheaply. Infinite where none meets the goal. Changes and reach are as in
-    ``least_limits_within``; the most is the limit on each component or thruster, m/s².
+    By a linear program of thrusters; a pointed one is relaxed to fixed directions whose hull
+    contains its unit ball. Infinite where no controls meet the goal. Changes and reach are as in
+    ``minimum_limits_at_nodes``; the most is the limit on each component or thruster, m/s².
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
     thrust, rows = problem.thrust, len(miss)
     scale = np.tile(acceleration_scale(problem), rows // 6)
-    directions = _around() if thrust.directions is None else thrust.directions
+    directions = _outer_directions() if thrust.directions is None else thrust.directions
     reach = reach.reshape(rows, -1, 3)[:, burns] @ directions.T
     wanted = miss * scale
     unit = float(np.abs(wanted).max())
@@ -224,7 +227,7 @@ def least_cost(
         return np.inf
     if found.x is None:
         raise ProlearnError(f"the least fuel was not found: {found.message}")
-    # Whatever the solver's error, its dual variables prove as much.
+    # The dual variables prove a bound whatever the solver's error.
     y = found.eqlin.marginals
     beyond = np.maximum(y @ columns - 1, 0.0)
     bound = y @ wanted / unit / (1 + beyond.max())
@@ -234,8 +237,8 @@ def least_cost(
 
 
 @lru_cache(maxsize=1)
-def _around() -> Float[Array, "26 3"]:
-    """Vectors all around, whose hull has the ball of radius 1 inside."""
+def _outer_directions() -> Float[Array, "26 3"]:
+    """Vectors in all directions, whose hull contains the unit ball."""
     from scipy.spatial import ConvexHull  # slow to import, and only some thrust needs it
 
     ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])

@@ -35,7 +35,7 @@ class ClohessyWiltshire:
     def step(self, time: float | Scalar, interval: Interval = 0, since: Since = 0.0) -> StepMaps:
         """A and B of s(t) = A s(0) + B u, Eq. 2, for times, s, from an interval's start.
 
-        Or from some s ``since`` its start. Here the time may also be longer than the interval.
+        Or from ``since`` s after its start. Here the time may be longer than the interval.
         """
         return cw_matrices(self.mean_motion, time)
 
@@ -43,21 +43,21 @@ class ClohessyWiltshire:
         """A from one node to another, without control; intervals may lie beyond the plan's."""
         return self.step(self.time_step * (np.asarray(last) - first))[0]
 
-    def most_acceleration(
+    def acceleration_bound(
         self, start: AnyState, control: Vector, time: float, interval: Interval = 0
     ) -> Scalar:
-        """Upper bound on ‖p̈‖ until a time since an interval's start, m/s²; by ÿ = u - 2e ẋ."""
+        """Upper bound on ‖p̈‖ up to a time since an interval's start, m/s², by ÿ = u - 2e ẋ."""
         e = self.mean_motion
         in_plane, cross = self._amplitudes(start, control)
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
         return np.sqrt(in_plane**2 + cross**2 + along**2)
 
-    def most_fourth_derivative(
+    def fourth_derivative_bound(
         self, start: AnyState, control: Vector, interval: Interval = 0, since: Since = 0.0
     ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from a state some s ``since`` its start.
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from the state ``since`` s after its start.
 
-        It bounds the error of a cubic interpolant.
+        It gives the error of a cubic interpolant.
         """
         # At all times x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
         in_plane, cross = self._amplitudes(start, control)
@@ -100,7 +100,7 @@ def cw_matrices(
 
 @lru_cache(maxsize=64)
 def _cw_terms(e: float) -> tuple[Float[Array, "10 36"], Float[Array, "10 18"]]:
-    """What each term of the closed form adds to A and B; no entry has more than one."""
+    """Coefficients of the terms of the closed form in A and B; each entry has one term."""
     one, s, c, d, cos, sin, radial, along, rate, pushed = range(10)
     A, B = np.zeros((10, 6, 6)), np.zeros((10, 6, 3))
     A[one, 1, 1] = A[radial, 0, 0] = A[along, 1, 4] = A[rate, 4, 4] = 1
@@ -130,11 +130,11 @@ def _cubic_remainder(theta: Scalar) -> Scalar:
 
 @dataclass(frozen=True)
 class ModelError:
-    """Estimated miss of a goal outside the linear model, on a circular orbit."""
+    """Estimated error at the goal that the linear model makes, on a circular orbit."""
 
     reach: float  # largest distance of a craft from the origin, m
-    curvature: float  # miss by the terms of gravity that the model leaves out, m
-    oblateness: float  # miss by the Earth's J2, m
+    curvature: float  # error by the neglected terms of a point mass's gravity, m
+    oblateness: float  # error by the Earth's J2, m
 
     @property
     def total(self) -> float:
@@ -146,9 +146,9 @@ def model_error(states: AnyState, mean_motion: float, duration: float) -> ModelE
     """Order of magnitude of the linear model's error over a transfer of so many seconds.
 
     At a distance ρ the first neglected term of gravity is some (3/2) e² ρ²/r₀, and the pull of J2
-    differs by some 4 J2 (R/r₀)² e² ρ from that at the origin. Held for a time t, an acceleration a
-    moves a craft by a t²/2, and on relative orbits, from about half a revolution on, along-track
-    by 2 a t/e. `prolearn fly` integrates instead.
+    differs by some 4 J2 (R/r₀)² e² ρ from that at the origin. A constant acceleration a
+    moves a craft by a t²/2 in a time t; on relative orbits, from about half a revolution on, by
+    2 a t/e along-track. `prolearn fly` integrates instead.
     """
     radius, angle = radius_at(mean_motion), mean_motion * duration
     growth = min(angle**2 / 2, 2 * angle)

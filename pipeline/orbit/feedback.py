@@ -1,8 +1,8 @@
-"""Linear feedback about a plan: at each node what is estimated to be off is corrected.
+"""Linear feedback about a plan: at each node the estimated deviation is corrected.
 
-The estimated deviation is to be nulled within the next 0.15 orbits, or at an earlier goal, by the
-change of controls of least energy, of which the first interval is flown. In the last interval the
-three components of the control leave the least ‖Δp‖² + ‖Δv/e‖² at the goal.
+The least-energy change of controls that nulls the deviation within the next 0.15 orbits, or at an
+earlier goal, is computed, and its first interval flown. In the last interval the three components
+of the control minimize ‖Δp‖² + ‖Δv/e‖² at the goal.
 """
 
 import math
@@ -15,10 +15,10 @@ from pipeline.arrays import Array, Float
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight, step_maps, transfer_maps
 
-# Orbits within which a deviation is to be nulled. Sooner takes more fuel (0.1: 3.5 % of a plan's
-# instead of 3.2 % in rings of ten, errors of 0.2 m and 1 %), later no less.
-WITHIN = 0.15
-CORRECTED = 1e-100  # response to an error below which there is none, SI
+# Horizon, in orbits, within which a deviation is nulled. A shorter one takes more fuel (0.1: 3.5 %
+# of a plan's instead of 3.2 % in rings of ten, errors of 0.2 m and 1 %), a longer one no less.
+HORIZON = 0.15
+CORRECTED = 1e-100  # responses to errors below this are set to 0, SI
 
 
 @lru_cache(maxsize=32)
@@ -26,19 +26,19 @@ def feedback_gains(problem: Problem) -> Float[Array, "intervals 3 6"]:
     """K of δu = K δs at each node: the change of a control, m/s², for a deviation, m and m/s."""
     intervals = problem.intervals
     period = 2 * np.pi / problem.mean_motion
-    horizon = max(2, math.ceil(WITHIN * period / problem.time_step))
+    horizon = max(2, math.ceil(HORIZON * period / problem.time_step))
     gains = np.zeros((intervals, 3, 6))
     for node in range(intervals - 1):
         left = min(horizon, intervals - node)
         maps = transfer_maps(replace(problem.starting_at(node), nodes=left + 1))
         gains[node] = -(maps.to_goal @ maps.drift[-1])[:3]
     A, _ = problem.dynamics.step(problem.time_step, intervals - 1)
-    gains[-1] = -last_control(problem) @ A
+    gains[-1] = -last_control_map(problem) @ A
     return gains
 
 
-def last_control(problem: Problem) -> Float[Array, "3 6"]:
-    """To the control of the last interval, m/s², that comes nearest to a change of the end."""
+def last_control_map(problem: Problem) -> Float[Array, "3 6"]:
+    """Map from a change of the final state to the last control that best achieves it, m/s²."""
     _, B = problem.dynamics.step(problem.time_step, problem.intervals - 1)
     weight = state_weight(problem)
     return np.asarray(np.linalg.pinv(weight[:, None] * B) * weight)
@@ -48,8 +48,8 @@ def last_control(problem: Problem) -> Float[Array, "3 6"]:
 class Responses:
     """Responses of a craft's states and commanded controls to errors of navigation and burns.
 
-    The J_s components of navigation are in open loop those of the initial state; with feedback the
-    six of its bias, and then six at each node but the last.
+    The J_s components of navigation errors are in open loop those of the initial state; with
+    feedback six of the bias, and then six at each node but the last.
     """
 
     state_to_navigation: Float[Array, "T 6 J_s"]
@@ -72,7 +72,7 @@ def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
     """Responses to errors in closed loop: feedback acts on the estimated state at each node.
 
     At the first node the estimate is the planned state. A ``late`` estimate is that of the node
-    before, carried on by what was commanded since.
+    before, propagated with the control commanded since.
     """
     intervals, gains = problem.intervals, feedback_gains(problem)
     known, count = 6 * (1 + intervals), 9 * intervals + 6
@@ -91,7 +91,7 @@ def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
         pushed[each[:3], known + 3 * k + each[:3]] += 1.0
         states[k + 1] = A[k] @ states[k] + B[k] @ pushed
     for some in (states, controls):
-        some[np.abs(some) < CORRECTED] = 0.0  # whose squares would underflow
+        some[np.abs(some) < CORRECTED] = 0.0  # their squares would underflow
     return Responses(
         states[..., :known], states[..., known:], controls[..., :known], controls[..., known:]
     )

@@ -1,4 +1,4 @@
-"""Gravity of the Earth as a point, its oblateness, and air drag."""
+"""Gravity of the Earth, point mass and J2, and air drag."""
 
 from dataclasses import dataclass
 
@@ -34,11 +34,11 @@ AIR = (
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """Air that thins exponentially with height and turns with the Earth."""
+    """An exponential atmosphere that rotates with the Earth."""
 
     base: float  # height of a known density, m
     density: float  # there, kg/m³
-    scale: float  # height in which it falls to 1/e, m
+    scale: float  # scale height, m
 
     def density_at(self, height: Float[ArrayOrNumber, "*batch"]) -> Float[ArrayOrNumber, "*batch"]:
         """Density in kg/m³ at heights in m."""
@@ -46,7 +46,7 @@ class Atmosphere:
 
 
 def atmosphere_near(height: float) -> Atmosphere:
-    """The layer of AIR of a height in m, continued to both sides; InputError below all of them."""
+    """The layer of AIR at a height in m, extrapolated at both ends; InputError below all layers."""
     if height < AIR[0][0]:
         raise InputError(
             f"the reference orbit is {height / 1e3:.0f} km high; expected at least "
@@ -56,7 +56,7 @@ def atmosphere_near(height: float) -> Atmosphere:
 
 
 def gravity_gradient(position: Vector, *, j2: bool) -> Float[Array, "*batch 3 3"]:
-    """Derivative of the attraction by the position, 1/s²: of a point mass and, perhaps, of J2."""
+    """Gradient of gravity by position, 1/s²: of a point mass and, if asked, J2."""
     r, unit = norm(position)[..., None, None], np.eye(3)
     outer = position[..., :, None] * position[..., None, :]
     gradient: Float[Array, "*batch 3 3"] = MU_EARTH * (3 * outer / r**5 - unit / r**3)
@@ -73,12 +73,12 @@ def gravity_gradient(position: Vector, *, j2: bool) -> Float[Array, "*batch 3 3"
 
 
 def point_mass(position: Vector) -> Vector:
-    """Attraction of the Earth as a point, -μ r/r³, m/s²."""
+    """Gravity of the Earth as a point mass, -μ r/r³, m/s²."""
     return -MU_EARTH / norm(position)[..., None] ** 3 * position
 
 
 def oblateness(position: Vector) -> Vector:
-    """What J2 adds to it, m/s² (Curtis, "Orbital Mechanics for Engineering Students", ch. 10).
+    """Acceleration by J2, m/s² (Curtis, "Orbital Mechanics for Engineering Students", ch. 10).
 
     -(3/2) J2 μ R²/r⁵ ((1 - 5 z²/r²) x, (1 - 5 z²/r²) y, (3 - 5 z²/r²) z), with z towards the
     north pole.
@@ -91,10 +91,10 @@ def oblateness(position: Vector) -> Vector:
 
 
 def drag(states: AnyState, ballistic: Scalar | float, air: Atmosphere) -> Vector:
-    """Drag, -½ ρ B |v| v with v against the turning air, m/s², at inertial states, m and m/s.
+    """Drag, -½ ρ B |v| v with v relative to the rotating air, m/s², at inertial states, m and m/s.
 
-    B = C_D A/m is the ballistic coefficient, m²/kg; density is by height above a sphere of the
-    Earth's equatorial radius.
+    B = C_D A/m is the ballistic coefficient, m²/kg; height is above a sphere of the Earth's
+    equatorial radius.
     """
     velocity = _through_air(states)
     density = air.density_at(norm(states[..., :3]) - R_EARTH)
@@ -114,7 +114,7 @@ def drag_gradient(
     return np.concatenate([thinner + by_velocity @ _AIR_TURNS, by_velocity], axis=-1)
 
 
-# Velocity through the air that turns with the Earth: v + _AIR_TURNS r
+# Velocity relative to the air that rotates with the Earth: v + _AIR_TURNS r
 _AIR_TURNS = np.array([[0.0, EARTH_RATE, 0.0], [-EARTH_RATE, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 

@@ -1,6 +1,6 @@
 """Facets of convex hulls by Qhull, kept in the user's cache folder for the next process.
 
-Qhull is part of SciPy, whose import takes as long as all the rest of a plan at the terminal.
+Qhull is part of SciPy, whose import takes as long as the rest of a `prolearn plan`.
 """
 
 import os
@@ -24,7 +24,7 @@ def corners(clouds: Sequence[Float[Array, "_ _"]]) -> Corners:
     """Facets of the convex hull of each point cloud, as indices of their vertices.
 
     QhullError, a RuntimeError, or ValueError where a hull is flat. A file that is missing, damaged
-    or of other points is written anew where that is possible, and otherwise does no harm.
+    or of other points is rewritten where that is possible, and else ignored.
     """
     if cold := "scipy.spatial" not in sys.modules:
         with suppress(OSError, EOFError, KeyError, ValueError, BadZipFile, RuntimeError):
@@ -43,14 +43,14 @@ def corners(clouds: Sequence[Float[Array, "_ _"]]) -> Corners:
 
 
 def _file(clouds: Sequence[Float[Array, "_ _"]]) -> Path:
-    """One of 256 files, so that their number has an end; RuntimeError where there is no home."""
+    """Path of one of 256 cache files, which bounds their number; RuntimeError without a home."""
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     digest = sha256(b"".join(points.tobytes() for points in clouds)).hexdigest()
     return folder / "prolearn" / f"hulls-{digest[:2]}.npz"
 
 
 def _kept(clouds: Sequence[Float[Array, "_ _"]]) -> Corners:
-    """What the file has for these points; ValueError where it is of others."""
+    """The facets cached for these points; ValueError where the file is of other points."""
     with np.load(_file(clouds)) as file:  # which never unpickles
         points, found = (
             [file[f"arr_{k + first}"] for k in range(len(clouds))] for first in (0, len(clouds))

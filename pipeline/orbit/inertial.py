@@ -1,4 +1,4 @@
-"""Inertial states: of the reference orbit by its elements, and of craft by its LVLH frame."""
+"""Inertial states from orbital elements, and LVLH frames of the reference orbit."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from pipeline.orbit.arrays import AnyState, Rows, Scalar, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.reference import MU_EARTH
 
-UNDEFINED = 1e-15  # sine of the inclination or eccentricity that rounding alone may be
+UNDEFINED = 1e-15  # sine of the inclination, or eccentricity, up to which it is rounding of 0
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Elements:
     inclination: float = 0.0  # i
     raan: float = 0.0  # Ω, right ascension of the ascending node
     eccentricity: float = 0.0  # from 0 to below 1
-    argument_of_perigee: float = 0.0  # ω, from the ascending node; without meaning for a circle
+    argument_of_perigee: float = 0.0  # ω, from the ascending node; arbitrary for a circle
 
     @classmethod
     def of(cls, state: Float[Array, "6"]) -> tuple["Elements", float]:
@@ -29,15 +29,16 @@ class Elements:
 
         The inverse of ``states``, from the angular momentum h, and e cos ν = p/r - 1,
         e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Ω is 0 where the orbit is equatorial
-        within rounding, and ω where it is a circle. Near these both are sensitive to the state, but
-        all elements together give it back. InputError for a state on no closed orbit.
+        within rounding, and ω where it is a circle. Close to
+        these cases they are sensitive to the state, but all elements together reproduce it.
+        InputError for a state on no closed orbit.
         """
         position, velocity = state[:3], state[3:]
         momentum = np.cross(position, velocity)
         h, r = float(norm(momentum)), float(norm(position))
         parameter = h**2 / MU_EARTH
-        inward, rising = parameter / r - 1, float(position @ velocity) / r * h / MU_EARTH
-        eccentricity = float(np.hypot(inward, rising))
+        e_cos, e_sin = parameter / r - 1, float(position @ velocity) / r * h / MU_EARTH
+        eccentricity = float(np.hypot(e_cos, e_sin))
         if not eccentricity < 1:
             raise InputError(
                 f"the state {r / 1e3:.6g} km from the Earth's centre at "
@@ -52,7 +53,7 @@ class Elements:
             inclination, raan = (0.0 if normal[2] > 0 else np.pi), 0.0
             node = np.array([1.0, 0.0, 0.0])
         latitude = np.arctan2(position @ np.cross(normal, node), position @ node)
-        perigee = latitude - np.arctan2(rising, inward)
+        perigee = latitude - np.arctan2(e_sin, e_cos)
         if eccentricity <= UNDEFINED:
             eccentricity, perigee = 0.0, 0.0
         axis = parameter / (1 - eccentricity**2)
@@ -87,7 +88,7 @@ class Frame(Rows):
     rate: Vector  # angular velocity of the frame along these axes, rad/s
 
     def to_inertial(self, states: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
-        """Inertial position and velocity relative to the frame's origin, m and m/s."""
+        """Convert LVLH states to inertial axes, relative to the frame's origin, m and m/s."""
         position, velocity = states[..., :3], states[..., 3:]
         moving = velocity + np.cross(self.rate, position)
         both = np.matvec(self.axes, position), np.matvec(self.axes, moving)
@@ -112,8 +113,8 @@ def lvlh_axes(origin: AnyState) -> Float[Array, "*batch 3 3"]:
 def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
     """LVLH frames of an orbit from the origin's inertial states and its acceleration, m/s².
 
-    The frame turns about its cross-track axis at h/r², and where the orbital plane itself is
-    turned, by an acceleration aₙ across it, about its radial axis at r aₙ/h (Alfriend and others,
+    The frame rotates about its cross-track axis at h/r², and, where an acceleration aₙ normal to
+    the orbital plane turns the plane, about its radial axis at r aₙ/h (Alfriend and others,
     "Spacecraft Formation Flying", section 4.1).
     """
     axes = lvlh_axes(origin)

@@ -1,8 +1,7 @@
 """Proofs from initial and goal states alone that no plan is passively safe.
 
-A craft that loses its thrust at the first node drifts on from its start, and after the plan the
-others drift on from their goals, whatever the plan is; after the last node all drift on from
-their goals. Obstacles are where they are from the first node on.
+Whatever the plan is, a craft that loses its thrust at the first node drifts from its start, and
+after the last node all other craft drift from their goals. The motion of obstacles is known.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,11 +17,11 @@ from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.separation import Separation
 from pipeline.orbit.transfer import free_drift
 
-# Drift in s below which nothing is proven of the ends alone; plans are held to it all the same
+# Drift in s below which nothing is proven by the ends alone; plans are still checked over it
 SHORTEST = 2 * RANGES["time_step"][0]
 
 
-def unavoidable(
+def unavoidable_encounter(
     initial: Formation,
     goal: Formation,
     problem: Problem,
@@ -30,27 +29,27 @@ def unavoidable(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
-    """The closest encounter within r_col, or both radii, that follows from the ends, or None.
+    """The closest encounter within r_col, or both radii, that the ends imply, or None.
 
-    Radii are of craft, m. Obstacles, which need radii, are numbered after the craft.
+    Radii of craft are in m; obstacles need them, and are numbered after the craft.
     """
     there, last = at_the_end(obstacles, problem), problem.nodes - 1
-    met = list(_encounters(goal, problem, orbits, last, radii, there))
+    found = list(_encounters(goal, problem, orbits, last, radii, there))
     if obstacles:
         before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
-        met += [one for one in before if one.pair and one.pair[1] >= len(goal)]
+        found += [one for one in before if one.pair and one.pair[1] >= len(goal)]
     starts = _starts_with_goals(initial, goal, problem, orbits, radii)
-    met += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
-    return min(met, key=lambda one: one.distance, default=None)
+    found += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
+    return min(found, key=lambda one: one.distance, default=None)
 
 
-def forced_goals(
+def allowed_goals(
     initial: Formation, goal: Formation, problem: Problem, orbits: float
 ) -> Bool[Array, "n n"]:
-    """Which goals craft may take, by craft and goal, where goals are not assigned yet.
+    """Mask of the goals that each craft may take, where goals are not assigned yet.
 
-    Who drifts from its start into one that drifts on from some goal must take that goal itself;
-    none may take any where two goals drift into each other.
+    A craft whose drift from its start meets a craft that drifts from some goal must take that goal
+    itself. None may take any where drifts from two goals meet.
     """
     n = len(goal)
     allowed = np.ones((n, n), dtype=bool)
@@ -68,7 +67,7 @@ def _starts_with_goals(
     orbits: float,
     radii: Values | None = None,
 ) -> Iterator[tuple[int, int, Separation]]:
-    """Encounters after the plan of craft adrift from their starts with others on goals' orbits."""
+    """Encounters after the plan of craft adrift from their starts with others adrift from goals."""
     n = len(goal)
     A = problem.dynamics.drift(0, problem.intervals)
     both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
@@ -89,7 +88,7 @@ def _encounters(
     obstacles: Sequence[Obstacle] = (),
     begin: float | None = None,
 ) -> Iterator[Separation]:
-    """Encounters within the collision radius in free drift from some s, or the plan's end, on."""
+    """Encounters within the collision radius in free drift from a time, s, or the plan's end."""
     if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
         return
     begin = problem.duration if begin is None else begin
@@ -99,5 +98,5 @@ def _encounters(
     found = close_approaches(flown, idle, drift, problem.collision_radius, swarms=swarms)
     time = begin + found.times(drift)
     for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
-        pair, apart = (int(found.first[k]), int(found.second[k])), float(found.distance[k])
-        yield Separation(apart, float(found.bound[k]), pair, float(time[k]), node)
+        pair, distance = (int(found.first[k]), int(found.second[k])), float(found.distance[k])
+        yield Separation(distance, float(found.bound[k]), pair, float(time[k]), node)

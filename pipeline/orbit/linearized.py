@@ -3,7 +3,7 @@
 A craft's inertial difference obeys ẍ = G x + D ẋ + C u, with the gradient (G, D) of all forces at
 the reference, the LVLH axes C as columns, and u constant along them over an interval. In pieces of
 intervals it is solved by collocation at Chebyshev points (Boyd, "Chebyshev and Fourier Spectral
-Methods", ch. 6), and seen from the turning frame: polynomials in time, exact to rounding.
+Methods", ch. 6) and transformed to the rotating frame: polynomials in time, exact to rounding.
 """
 
 from dataclasses import dataclass
@@ -21,25 +21,25 @@ from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
 AT_ONCE = 256  # pieces that are solved at once, which bounds memory
-AHEAD = 64  # intervals beyond a plan's that are tabled at once
+AHEAD = 64  # intervals beyond a plan's that are computed at once
 
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """The reference, and motion about it, at q points of each of M pieces of K intervals."""
+    """The reference and maps of motion about it, at q points of each of M pieces of K intervals."""
 
     half: float  # half of a piece's length, s
     origin: Float[Array, "K M q 6"]  # inertial states of the reference, m and m/s
     frame: Frame  # LVLH frames there
     acceleration: Float[Array, "K M q 3"]  # of the reference, inertial, m/s²
-    gradient: Float[Array, "K M q 3 6"]  # of the acceleration by an inertial state
+    gradient: Float[Array, "K M q 3 6"]  # of the acceleration with respect to the inertial state
     # A and B, side by side, from the state at an interval's start and the control in it
     maps: Float[Array, "K M q 6 9"]
     series: Float[Array, "K M q 6 9"]  # their Chebyshev coefficients, over each piece
-    # from control-like accelerations at a point to the state at the interval's start
-    back: Float[Array, "K M q 6 3"]
-    most_acceleration: Float[Array, "K 3 9"]  # of the maps to positions, over an interval
-    most_fourth: Float[Array, "K 3 9"]  # likewise, of the fourth derivatives
+    # from accelerations at a point to equivalent changes of the state at the interval's start
+    to_start: Float[Array, "K M q 6 3"]
+    acceleration_bound: Float[Array, "K 3 9"]  # bounds on the maps, over an interval
+    fourth_derivative_bound: Float[Array, "K 3 9"]  # likewise, of the fourth derivatives
 
     def window(self, intervals: slice) -> "Arcs":
         """The arcs of a range of intervals alone."""
@@ -53,7 +53,7 @@ class LinearizedDynamics:
 
     orbit: ReferenceOrbit
     time_step: float  # length of an interval, s
-    intervals: int  # so many are tabled at once
+    intervals: int  # number of intervals that are computed at once
 
     @property
     def fastest(self) -> float:
@@ -91,37 +91,39 @@ class LinearizedDynamics:
         return nodes[last] @ np.linalg.inv(nodes[first])
 
     def _count(self, interval: Interval) -> int:
-        """Intervals that are tabled where some are asked for: few different numbers."""
+        """Number of intervals to compute so that one is covered; it takes few different values."""
         beyond = int(np.max(interval, initial=0)) + 1 - self.intervals
         return self.intervals + max(0, ceil(beyond / AHEAD)) * AHEAD
 
     def _covering(self, interval: Interval) -> Arcs:
         return arcs_of(self.orbit, self.time_step, self._count(interval))
 
-    def most_acceleration(
+    def acceleration_bound(
         self, start: AnyState, control: Vector, time: float, interval: Interval
     ) -> Scalar:
-        """Upper bound on ‖p̈‖ in an interval, m/s², whatever the time."""
-        return _most(self._covering(interval).most_acceleration[interval], start, control)
+        """Upper bound on ‖p̈‖ over the whole interval, m/s²."""
+        return _norm_bound(self._covering(interval).acceleration_bound[interval], start, control)
 
-    def most_fourth_derivative(
+    def fourth_derivative_bound(
         self, start: AnyState, control: Vector, interval: Interval, since: Since = 0.0
     ) -> Scalar:
-        """As ``ClohessyWiltshire.most_fourth_derivative``, over the interval."""
+        """As ``ClohessyWiltshire.fourth_derivative_bound``, over the whole interval."""
         if np.any(since):
             before, pushed = self._from_start(since, interval)
             start = np.matvec(np.linalg.inv(before), start - np.matvec(pushed, control))
-        return _most(self._covering(interval).most_fourth[interval], start, control)
+        return _norm_bound(
+            self._covering(interval).fourth_derivative_bound[interval], start, control
+        )
 
 
-def _most(bounds: Float[Array, "*some 3 9"], start: AnyState, control: Vector) -> Scalar:
+def _norm_bound(bounds: Float[Array, "*some 3 9"], start: AnyState, control: Vector) -> Scalar:
     given = np.abs(np.concatenate([start, control], axis=-1))
     return np.asarray(norm(np.matvec(bounds, given)))
 
 
 @lru_cache(maxsize=16)
 def _nodes(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Float[Array, "nodes 6 6"]:
-    """A from the first node to each."""
+    """State transition matrices A from the first node to each."""
     steps = arcs_of(orbit, time_step, intervals).maps[:, -1, -1, :, :6]
     nodes = [np.eye(6)]
     for step in steps:
@@ -144,7 +146,7 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
     frame, gradient = lvlh_frame(origin, acceleration), orbit.gradient(origin)
     local = np.concatenate(
         [
-            _seen_from(frame[some], _inertial_maps(gradient[some], frame.axes[some], half))
+            _to_lvlh(frame[some], _inertial_maps(gradient[some], frame.axes[some], half))
             for some in np.array_split(np.arange(len(origin)), 1 + len(origin) // AT_ONCE)
         ]
     )
@@ -156,7 +158,7 @@ def arcs_of(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Arcs:
         passed[..., 6:] += maps[:, m, ..., 6:]
         maps[:, m] = passed
     rates = maps[..., 3:, :].reshape(*shape, 27)
-    most = [chebyshev.most_derivative(rates, order, half).max(axis=1) for order in (1, 3)]
+    most = [chebyshev.derivative_bound(rates, order, half).max(axis=1) for order in (1, 3)]
     return Arcs(
         half,
         origin.reshape(*shape, 6),
@@ -191,8 +193,8 @@ def _inertial_maps(
     return maps
 
 
-def _seen_from(frame: Frame, maps: Float[Array, "P q 6 9"]) -> Float[Array, "P q 6 9"]:
-    """The maps from LVLH state and control to LVLH state, from the inertial ones."""
+def _to_lvlh(frame: Frame, maps: Float[Array, "P q 6 9"]) -> Float[Array, "P q 6 9"]:
+    """Convert inertial maps to maps from LVLH state and control to LVLH state."""
     # Columns are the inertial states of LVLH unit states.
     begin = frame[:, None, 0].to_inertial(np.eye(6)).mT
     inertial = np.concatenate([maps[..., :6] @ begin[:, None], maps[..., 6:]], axis=-1)

@@ -1,12 +1,12 @@
 """Mean elements: osculating elements without their short-period variations by J2, to first order.
 
-Mean elements are kept as the state whose osculating elements they are. By the method of averaging,
-Gauss's equations along the mean orbit, less their average, are integrated such that the integral
-averages to zero over a revolution (short-period terms: Brouwer 1959, "Solution of the problem of
-artificial satellite theory without drag"; Gauss's equations: Battin, "An Introduction to the
-Mathematics and Methods of Astrodynamics", section 10.3). Semi-major axis, vector of eccentricity,
-mean longitude and direction of the orbital plane, all relative to the LVLH axes, are regular for
-circles and equatorial orbits too.
+Mean elements are represented by the state that has them as osculating elements. By the method of
+averaging, Gauss's equations along the mean orbit, less their average, are integrated such that the
+integral averages to zero over a revolution (short-period terms: Brouwer 1959, "Solution of the
+problem of artificial satellite theory without drag"; Gauss's equations: Battin, "An Introduction to
+the Mathematics and Methods of Astrodynamics", section 10.3). Semi-major axis, vector of
+eccentricity, mean longitude and direction of the orbital plane, all relative to the LVLH axes, are
+regular also for circular and equatorial orbits.
 """
 
 from dataclasses import dataclass, replace
@@ -14,25 +14,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation, OfCraft, Rows
+from pipeline.orbit.arrays import Formation, PerCraft, Rows
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.forces import oblateness
 from pipeline.orbit.inertial import lvlh_axes
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 
 SAMPLES = 128  # of a revolution, equally spaced in eccentric longitude
-CLOSE = 3e-14  # miss of the last iteration, in radii of the orbit
+CLOSE = 3e-14  # residual at which iteration ends, in radii of the orbit
 ITERATIONS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarElements(Rows):
-    """Orbits by their shape in axes of their planes, from whose first axis longitudes count."""
+    """Nonsingular elements of orbits; longitudes count from the first axis of their planes."""
 
     axes: Float[Array, "n 3 3"]  # two in the orbital plane, and its normal, as columns
-    semi_major_axis: OfCraft  # m
+    semi_major_axis: PerCraft  # m
     eccentricity: Float[Array, "n 2"]  # vector towards the perigee, along the first two axes
-    longitude: OfCraft  # mean: that of the perigee and the mean anomaly, rad
+    longitude: PerCraft  # mean longitude: of the perigee, plus mean anomaly, rad
 
     @classmethod
     def of(cls, states: Formation) -> "PlanarElements":
@@ -49,17 +49,17 @@ class PlanarElements(Rows):
         return cls(lvlh_axes(states), a, np.stack([x, y], axis=-1), longitude)
 
     @property
-    def mean_motion(self) -> OfCraft:
-        """In rad/s."""
+    def mean_motion(self) -> PerCraft:
+        """Mean motion, rad/s."""
         return np.sqrt(MU_EARTH / self.semi_major_axis**3)
 
     @property
-    def eccentricity_squared(self) -> OfCraft:
-        """e²."""
+    def eccentricity_squared(self) -> PerCraft:
+        """Square of the eccentricity."""
         return np.vecdot(self.eccentricity, self.eccentricity)
 
-    def eccentric_longitude(self) -> OfCraft:
-        """Longitude of the perigee and the eccentric anomaly, rad, by Kepler's equation."""
+    def eccentric_longitude(self) -> PerCraft:
+        """Longitude of the perigee plus eccentric anomaly, rad, by Kepler's equation."""
         x, y = np.moveaxis(self.eccentricity, -1, 0)
         found = self.longitude + x * np.sin(self.longitude) - y * np.cos(self.longitude)
         for _ in range(ITERATIONS):
@@ -86,7 +86,7 @@ class PlanarElements(Rows):
         return np.concatenate(parts, axis=-1)
 
     def changed(self, by: Float[Array, "n 6"]) -> "PlanarElements":
-        """Elements changed by semi-major axis, eccentricity, longitude, rotation of the plane."""
+        """Elements with changes of semi-major axis, eccentricity, longitude and plane added."""
         angle = np.concatenate([by[..., 4:], np.zeros_like(by[..., :1])], axis=-1)
         return PlanarElements(
             self.axes @ rotation(angle),
@@ -97,7 +97,7 @@ class PlanarElements(Rows):
 
 
 def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
-    """The rotation matrix of a vector of rotation, rad (Rodrigues' formula)."""
+    """The rotation matrix of a rotation vector, rad, by Rodrigues' formula."""
     size = norm(angle)[..., None, None]
     columns = np.cross(angle[..., None, :], np.eye(3)).mT
     # sin θ/θ and (1 - cos θ)/θ², regular at 0
@@ -106,12 +106,12 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
 
 
 def osculating_states(mean: Formation, *, j2: bool = True) -> Formation:
-    """Inertial states, m and m/s, of craft whose mean elements are those of other states.
+    """Inertial states, m and m/s, with the mean elements that ``mean`` states represent.
 
     Without J2 both are the same.
     """
-    # By the energy, a constant of the motion, semi-major axes, and so along-track drifts, are known
-    # to second order but for a constant.
+    # Semi-major axes, and so along-track drifts, are corrected to second order, but for a constant,
+    # by the energy, which is a constant of the motion.
     if not j2:
         return mean
     elements = PlanarElements.of(mean)
@@ -123,14 +123,14 @@ def osculating_states(mean: Formation, *, j2: bool = True) -> Formation:
     return found.states()
 
 
-def _energy(states: Formation) -> OfCraft:
+def _energy(states: Formation) -> PerCraft:
     """Specific energy of inertial states, m²/s², in the potential of a point and J2."""
     r, v = norm(states[:, :3]), states[:, 3:]
     oblate = 0.5 * J2 * MU_EARTH * R_EARTH**2 / r**3 * (3 * (states[:, 2] / r) ** 2 - 1)
     return np.vecdot(v, v) / 2 - MU_EARTH / r + oblate
 
 
-def _mean_energy(mean: PlanarElements) -> OfCraft:
+def _mean_energy(mean: PlanarElements) -> PerCraft:
     """Specific energy of mean elements, m²/s²: the potential averaged over a revolution."""
     a, cos = mean.semi_major_axis, mean.axes[:, 2, 2]
     cubed = (a**2 * (1 - mean.eccentricity_squared)) ** 1.5
@@ -167,7 +167,7 @@ def _periodic(elements: PlanarElements) -> Float[Array, "n 6"]:
 def _integral(
     rates: Float[Array, "n q c"], share: Float[Array, "n q 1"], n: Float[Array, "n 1 1"]
 ) -> Float[Array, "n q c"]:
-    """Time integral of rates less their average, itself of average 0; shares are r/a."""
+    """Zero-average time integral of rates less their average; shares are r/a."""
 
     def average(values: Float[Array, "n q c"]) -> Float[Array, "n 1 c"]:
         return (values * share).mean(axis=-2, keepdims=True)
@@ -175,13 +175,13 @@ def _integral(
     waves = np.fft.rfft((rates - average(rates)) * share / n, axis=-2)
     order = np.arange(SAMPLES // 2 + 1)[:, None]
     order[[0, -1]] = 1
-    waves[..., [0, -1], :] = 0.0  # of a constant, and of what the samples do not resolve
+    waves[..., [0, -1], :] = 0.0  # the constant, and the frequency that the samples do not resolve
     found = np.fft.irfft(waves / (1j * order), n=SAMPLES, axis=-2)
     return np.asarray(found - average(found))
 
 
 def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Array, "n q 6"]:
-    """Gauss's equations by J2: rates of what ``PlanarElements.changed`` changes."""
+    """Gauss's equations for J2: rates of the changes that ``PlanarElements.changed`` takes."""
     position, axes = states[..., :3], lvlh_axes(states)
     radial, along, across = np.moveaxis(np.matvec(axes.mT, oblateness(position)), -1, 0)
     plane = elements.axes[..., None, :, :2]
@@ -204,7 +204,7 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
     return np.stack(rates, axis=-1)
 
 
-def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[OfCraft, OfCraft, OfCraft]:
+def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[PerCraft, PerCraft, PerCraft]:
     """Rates of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2.
 
     Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.

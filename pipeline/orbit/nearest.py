@@ -1,7 +1,7 @@
-"""The least separation of craft over arcs that are known at Chebyshev points, in many trials.
+"""The least separation of craft over arcs that are given at Chebyshev points, in many trials.
 
-``orbit.separation`` does the same for linear motion, which it evaluates at any time by its maps;
-here motion is the polynomial through those points, whatever the forces. The branch and bound is the
+``orbit.separation`` does the same for linear motion, evaluated at any time by its maps; here
+motion is the polynomial through those points, whatever the forces. The branch and bound is the
 same (``orbit.bezier``).
 """
 
@@ -13,25 +13,25 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int, like, namespace, plain
 from pipeline.orbit.approaches import TOLERANCE, Pairs, SwarmPartition, least_of_each, pairs
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
-from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, most_derivative
+from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
 from pipeline.orbit.separation import Separation
 
 ENDS = basis(np.linspace(-1.0, 1.0, CUBICS + 1)) @ COEFFICIENTS
-"""From states at a piece's points to those at the ends of its cubics."""
+"""Map from states at a piece's points to those at the ends of its cubics."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
     """The least separation of any pair of each trial over some time."""
 
-    distance: Float[Array, "trials"]  # attained, m; infinite where there is no pair
-    bound: Float[Array, "trials"]  # no pair is ever closer, m; about TOLERANCE below
-    first: Int[Array, "trials"]  # craft of that pair, with the lower index; -1 if none
-    second: Int[Array, "trials"]  # craft of that pair
+    distance: Float[Array, "trials"]  # the separation attained, m; infinite without a pair
+    bound: Float[Array, "trials"]  # proven lower bound on it, m; about TOLERANCE below
+    first: Int[Array, "trials"]  # its first craft, with the lower index; -1 if none
+    second: Int[Array, "trials"]  # its second craft
     time: Float[Array, "trials"]  # when, s since the plan's first node
 
     def separation(self) -> Separation:
-        """Least separation of any pair in the first trial; infinite for a craft alone."""
+        """The first trial's least separation; infinite for a single craft."""
         if self.first[0] < 0:
             return Separation()
         pair = int(self.first[0]), int(self.second[0])
@@ -43,11 +43,11 @@ def nearest(states: Float[Any, "trials n pieces q 6"], start: float, duration: f
 
     Each piece is cut into stretches. On one of length h a pair's relative position is its cubic
     Hermite interpolant, up to h⁴/384 max‖p⁗‖; the cubic's least distance is found by branch and
-    bound. Nothing is sampled: states only say which pairs and stretches cannot matter.
+    bound. Nothing is sampled: states only exclude pairs and stretches that cannot be closest.
 
     The arc begins at ``start``, s since the plan's first node, and takes ``duration``, s; its
-    pieces are of one length. States are LVLH, m and m/s. Where they are tensors of torch, the few
-    stretches that may matter are found on their device, and searched here.
+    pieces are of one length. States are LVLH, m and m/s. Where they are torch tensors, the few
+    stretches that may be closest are found on their device and searched on the CPU.
     """
     return nearest_between(states, states, pairs(states.shape[1]), start, duration)
 
@@ -60,15 +60,15 @@ def nearest_between(
     duration: float,
     swarms: SwarmPartition | None = None,
 ) -> Nearest:
-    """As ``nearest``, for given pairs of craft and others; by the sizes of a partition if given."""
+    """As ``nearest``, for given pairs of ``states`` and ``others``, by sizes if given."""
     trials, _, pieces, _, _ = states.shape
     if len(both[0]) == 0:
-        return nowhere(trials)
+        return no_pairs(trials)
     half = duration / pieces / 2
     h = 2 * half / CUBICS
     motions = (states,) if others is states else (states, others)
     ends = tuple(like(ENDS, each) @ each for each in motions)
-    scale, beyond = (None, 0.0) if swarms is None else swarms.asked(*both)
+    scale, beyond = (None, 0.0) if swarms is None else swarms.separation_scaling(*both)
     off = np.broadcast_to(beyond, len(both[0]))
     i, j, *sizes = (like(one, states) for one in (*both, scale, off))
     found = _candidates(motions, ends, (i, j), half, (sizes[0], sizes[1]))
@@ -79,7 +79,7 @@ def nearest_between(
         plain(ends[0][trial, i, piece, cubic + k] - ends[-1][trial, j, piece, cubic + k])
         for k in (0, 1)
     )
-    remainder = h**4 / 384 * norm(most_derivative(apart[..., 3:], 3, half))
+    remainder = h**4 / 384 * norm(derivative_bound(apart[..., 3:], 3, half))
     curve, reach = hermite_bezier(begin, end, h), within[trial] + off
     if scale is not None:
         curve *= scale[pair, None]
@@ -97,14 +97,14 @@ def nearest_between(
     return Nearest(distance[best], bound, i[at], j[at], time)
 
 
-def nowhere(trials: int) -> Nearest:
-    """The least separation of trials where there is no pair."""
+def no_pairs(trials: int) -> Nearest:
+    """The result for trials without a pair."""
     never, none = np.full(trials, np.inf), np.full(trials, -1)
     return Nearest(never, never, none, none, np.full(trials, np.nan))
 
 
-def nearer(one: Nearest, other: Nearest) -> Nearest:
-    """Each trial's least separation over two times."""
+def smaller_separation(one: Nearest, other: Nearest) -> Nearest:
+    """The smaller of two results for each trial, over both their times."""
     first, beside = one.distance <= other.distance, vars(other)
     least = {name: np.where(first, value, beside[name]) for name, value in vars(one).items()}
     return Nearest(**least | {"bound": np.minimum(one.bound, other.bound)})
@@ -117,9 +117,9 @@ def _candidates(
     half: float,
     sizes: tuple[Float[Any, "p 3"] | None, Float[Any, "p"]],
 ) -> tuple[Float[Any, "trials"], Int[Any, "k"], Int[Any, "k"], Int[Any, "k"], Int[Any, "k"]]:
-    """Each trial's least separation at ends of cubics; trial, pair, piece and cubic that may pass.
+    """Least separation at ends of cubics; trial, pair, piece and cubic that may have a smaller one.
 
-    Motions are of craft and others; one alone is of both.
+    Motions are of craft and others; a single one stands for both.
 
     The distances of a craft from its positions at both ends of a cubic add up to at most its chord
     and twice its deviation from that. So a pair that is a and b apart at the ends, with such sums
@@ -127,7 +127,7 @@ def _candidates(
     """
     h, craft = 2 * half / CUBICS, []
     for states, end in zip(motions, ends, strict=True):
-        deviation = h**2 / 8 * norm(most_derivative(states[..., 3:], 1, half))
+        deviation = h**2 / 8 * norm(derivative_bound(states[..., 3:], 1, half))
         craft.append((end[..., :3], deviation))
     (position, deviation), (other_position, other_deviation) = craft[0], craft[-1]
     within, trial, pair, piece = _near(*craft[0], *craft[-1], both, sizes)
@@ -157,11 +157,11 @@ def _near(
     both: tuple[Int[Any, "p"], Int[Any, "p"]],
     sizes: tuple[Float[Any, "p 3"] | None, Float[Any, "p"]],
 ) -> tuple[Float[Any, "trials"], Int[Any, "k"], Int[Any, "k"], Int[Any, "k"]]:
-    """Each trial's least separation at ends of pieces; trial, pair and piece that may pass it.
+    """Least separation at ends of pieces; trial, pair and piece that may have a smaller one.
 
-    A pair's chord over a piece from one relative position to another is never nearer than half of
-    what both distances have beyond its length, and the pair as near to it as both deviate over
-    the piece, which is by the square of its length more than over a cubic.
+    The relative chord of a pair over a piece comes no nearer to the origin than half of the sum of
+    both end distances less its length. The pair deviates from it by at most the sum of both
+    craft's deviations, which over a piece are CUBICS² times those over a cubic.
     """
     (i, j), (scale, off) = both, sizes
     begin, end = (position[..., k, :][:, i] - other_position[..., k, :][:, j] for k in (0, -1))

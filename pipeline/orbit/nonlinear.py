@@ -1,8 +1,8 @@
-"""Motion about a reference in all terms of gravity, J2 and drag, by collocation.
+"""Nonlinear motion about a reference, with gravity, J2 and drag, by collocation.
 
-A craft's state obeys the linear equations with one acceleration more, by which forces on it differ
-from those on the reference and their gradient. It is of second order in the distance: fixed-point
-iteration over whole transfers, for all craft and times at once, converges in a few steps (Bai and
+A craft's state obeys the linear equations with an additional acceleration: what the linearization
+of forces about the reference leaves out. It is of second order in the distance: fixed-point
+iteration for all craft and times at once converges in a few steps (Bai and
 Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation").
 """
 
@@ -15,11 +15,11 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit import chebyshev
-from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, Formation, OfCraft, States
+from pipeline.orbit.approaches import SwarmPartition, swarm_partition
+from pipeline.orbit.arrays import Controls, Formation, PerCraft, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
-from pipeline.orbit.corridors import Faces, least_inside
+from pipeline.orbit.corridors import Faces, least_margin
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
 from pipeline.orbit.problem import Problem
@@ -27,23 +27,24 @@ from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import Separation
 
-CONVERGED = 1e-9  # largest change of a position in the last iteration, m, or ROUNDING where far
-WINDOW = 2.0  # angle in rad by which the reference turns in what is iterated at once
+CONVERGED = 1e-9  # change of positions, m, at which iteration ends; relative where craft are far
+WINDOW = 2.0  # angle by which the reference turns in the arc that is iterated at once, rad
 AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory
-NO_LENGTH = 1e-9  # share of an interval under which a rest of a drift is rounding
+NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is rounding
 
 
 def flown_arcs(
     dynamics: LinearizedDynamics,
     initial: Formation,
     controls: Float[Array, "n K 3"],
-    ballistics: OfCraft,
+    ballistics: PerCraft,
     first: int = 0,
 ) -> Float[Array, "n K M q 6"]:
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
-    Ballistics are C_D A/m, m²/kg. The first control is of that interval of the plan. ProlearnError
-    where craft are so far from the reference that it does not converge, or come inside the Earth.
+    Ballistics are C_D A/m, m²/kg. ``first`` is the plan's interval of the first control.
+    ProlearnError where craft are so far from the reference that it does not converge, or hit the
+    Earth.
     """
     orbit, count = dynamics.orbit, controls.shape[1]
     parts = ceil(orbit.fastest * dynamics.time_step / WINDOW)
@@ -69,7 +70,7 @@ def flown_arcs(
 
 @dataclass(frozen=True, eq=False)
 class NonlinearFlight:
-    """The flight of controls about a problem's reference orbit in all terms of its forces."""
+    """The nonlinear flight of controls about a problem's reference orbit."""
 
     initial: Formation  # LVLH states at the first node, m and m/s
     controls: Controls  # m/s²
@@ -88,7 +89,7 @@ class NonlinearFlight:
         return np.concatenate([self.initial[:, None], self.arcs[:, :, -1, -1]], axis=1)
 
     def separation(self, swarms: SwarmPartition | None = None) -> Separation:
-        """The least separation of craft at any time, or of participants by their sizes."""
+        """The least separation at any time: of craft, or of participants, by their sizes."""
         duration = self.problem.duration
         if swarms is None:
             return nearest(_pieces(self.arcs), 0.0, duration).separation()
@@ -97,14 +98,14 @@ class NonlinearFlight:
         return nearest_between(pieces, pieces, swarms.pairs, 0.0, duration, swarms).separation()
 
     def margin(self, faces: Faces) -> Nearest:
-        """How far inside of corridors craft stay: ``least_inside``."""
-        return least_inside(_pieces(self.arcs), faces, 0.0, self.problem.duration)
+        """Least margin of craft inside corridors, by ``least_margin``."""
+        return least_margin(_pieces(self.arcs), faces, 0.0, self.problem.duration)
 
     def deviation(self, states: States) -> float:
         """Upper bound on the distance of any craft at any time from linear motion, m.
 
-        Linear motion starts at each node from the state there. By the sum of the absolute Chebyshev
-        coefficients of the difference.
+        Linear motion starts anew at each node's state. The bound is the sum of the absolute
+        Chebyshev coefficients of the difference.
         """
         arcs, dynamics = self.arcs[..., :3], self.problem.dynamics
         pieces = arcs.shape[2]
@@ -125,7 +126,7 @@ class NonlinearFlight:
         return np.asarray(np.einsum("ktq,nktqs->nkts", weights, self.arcs[:, each, piece]))
 
 
-def least_adrift_in_world(
+def least_after_loss_nonlinear(
     states: States,
     controls: Controls,
     problem: Problem,
@@ -138,14 +139,14 @@ def least_adrift_in_world(
     with obstacles, or radii, it is the least separation of participants.
     """
     n, last = len(states), problem.intervals
-    swarms = swarms or side_by_side((n,))
+    swarms = swarms or swarm_partition((n,))
     h = problem.time_step
     after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
     dynamics = replace(_dynamics(problem), intervals=last + after)
     ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
     others = _arcs_beside(states[:, 0], np.concatenate([controls, idle], axis=1), dynamics, swarms)
     one, other = swarms.pairs
-    back = ~swarms.still(other)  # no obstacle loses its thrust
+    back = ~swarms.is_obstacle(other)  # no obstacle loses its thrust
     both = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     least = Separation()
     for node in range(last + 1):
@@ -174,8 +175,8 @@ def _pieces(arcs: Float[Array, "n K M q 6"]) -> Float[Array, "1 n pieces q 6"]:
 def _arcs_beside(
     initial: Formation, controls: Controls, dynamics: LinearizedDynamics, swarms: SwarmPartition
 ) -> Float[Array, "participants K M q 6"]:
-    """Arcs of craft, and of obstacles, which have the mean ballistic; what is held stays."""
-    n, start = len(initial), swarms.beside(initial[:, None], slice(0, 1))[:, 0]
+    """Arcs of craft and of obstacles, which have the mean ballistic coefficient or are held."""
+    n, start = len(initial), swarms.all_states(initial[:, None], slice(0, 1))[:, 0]
     pushed = np.zeros((len(start), *controls.shape[1:]))
     pushed[:n] = controls
     ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
@@ -190,7 +191,7 @@ def _window(
     orbit: ReferenceOrbit,
     start: Formation,
     controls: Float[Array, "n K 3"],
-    ballistics: OfCraft,
+    ballistics: PerCraft,
 ) -> Float[Array, "n K M q 6"]:
     """States at all points of some arcs, from states at the start of the first interval."""
     linear = _linear(arcs, start, controls)
@@ -211,7 +212,7 @@ def _window(
 
 
 def _refuse_impact(position: Float[Array, "n K M q 3"], radius: Float[Array, "K M q"]) -> None:
-    """Refuse flights through the Earth, by LVLH positions and the reference's orbital radius, m."""
+    """Raise ProlearnError for LVLH positions in the Earth, by the reference's orbital radius, m."""
     least = float(norm(position + radius[..., None] * [1.0, 0.0, 0.0]).min())
     if least < R_EARTH:
         raise ProlearnError(
@@ -233,7 +234,7 @@ def _linear(
 
 def _added(arcs: Arcs, acceleration: Float[Array, "n K M q 3"]) -> Float[Array, "n K M q 6"]:
     """State changes at the collocation points due to accelerations, by variation of constants."""
-    integral = arcs.half * (INTEGRAL @ np.matvec(arcs.back, acceleration))
+    integral = arcs.half * (INTEGRAL @ np.matvec(arcs.to_start, acceleration))
     ends = np.cumsum(integral[:, :, :, -1], axis=2)  # of pieces, since the interval's start
     integral[:, :, 1:] += ends[:, :, :-1, None]
     state = np.zeros((len(integral), 6))
@@ -244,9 +245,9 @@ def _added(arcs: Arcs, acceleration: Float[Array, "n K M q 3"]) -> Float[Array, 
 
 
 def _remainder(
-    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: OfCraft
+    arcs: Arcs, orbit: ReferenceOrbit, states: Float[Array, "n K M q 6"], ballistics: PerCraft
 ) -> Float[Array, "n K M q 3"]:
-    """Acceleration at LVLH states that the linear equations leave out, along LVLH axes, m/s²."""
+    """Acceleration at LVLH states that the linear equations neglect, along LVLH axes, m/s²."""
     relative = arcs.frame.to_inertial(states)
     held = np.broadcast_to(ballistics[:, None, None, None], states.shape[:-1])
     total = orbit.acceleration(arcs.origin + relative, held)

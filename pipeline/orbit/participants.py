@@ -1,9 +1,10 @@
-"""Participants of unlike size, and obstacles: what no plan moves, such as a chief or debris.
+"""Craft of different sizes, and obstacles, which no plan moves, such as a chief or debris.
 
-What a pair must keep apart is an ellipsoid along the LVLH axes: a sphere of both radii for two
-craft. Axes are scaled so that it becomes a sphere of its least semi-axis q: distances shrink, so
-that bounds on derivatives hold. Less q - r_col, scaled distances compare with r_col as those of
-craft alike do, and the searches for closest approaches need nothing else (``docs/mathematics.md``).
+The relative position of a pair must stay outside an ellipsoid along the LVLH axes: a sphere of the
+sum of both radii for two craft. Axes are scaled so that it becomes a sphere of its least semi-axis
+q: distances shrink, so that bounds on derivatives hold. Scaled distances less q - r_col compare
+with r_col as those of equal craft do, so the searches for closest approaches serve unchanged
+(``docs/mathematics.md``).
 """
 
 from collections.abc import Sequence
@@ -14,13 +15,21 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_range, check_vector
-from pipeline.orbit.approaches import Pairs, SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, Indices, Marked, PositionMaps, States, Values, Vectors
+from pipeline.orbit.approaches import Pairs, SwarmPartition, swarm_partition
+from pipeline.orbit.arrays import (
+    Controls,
+    CraftMask,
+    Indices,
+    PositionMaps,
+    States,
+    Values,
+    Vectors,
+)
 from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import fly
 
-MOST_UNLIKE = 500  # craft of a swarm with radii or obstacles, all of whose pairs are compared
+MOST_UNLIKE = 500  # craft at most of a swarm with radii or obstacles: all pairs are compared
 
 
 @dataclass(frozen=True)
@@ -62,11 +71,11 @@ class Obstacle:
 
     @property
     def axes(self) -> tuple[float, ...]:
-        """Semi-axes of the ellipsoid, m."""
+        """Semi-axes of the ellipsoid, or the radius three times, m."""
         return self.semi_axes or (self.radius or 0.0,) * 3
 
     def wider(self, by: float) -> "Obstacle":
-        """The same with more room about it, m."""
+        """The obstacle with its radius or semi-axes larger by a length, m."""
         if self.semi_axes is None:
             return replace(self, radius=(self.radius or 0.0) + by)
         x, y, z = self.semi_axes
@@ -74,7 +83,7 @@ class Obstacle:
 
 
 def check_obstacles(obstacles: Sequence[Obstacle], problem: Problem) -> None:
-    """Refuse obstacles of one name, and such as no constant push can hold, with an InputError."""
+    """Raise InputError for names that are not unique, and for obstacles that cannot be held."""
     names = [one.name for one in obstacles]
     if "" in names or len(set(names)) < len(names):
         raise InputError("obstacles have no name or one that another has; expected one for each.")
@@ -96,7 +105,7 @@ def at_the_end(obstacles: Sequence[Obstacle], problem: Problem) -> list[Obstacle
 
 
 class Participants(SwarmPartition):
-    """Swarms with a radius of each craft, and then all obstacles, as one list of rows."""
+    """Craft of several swarms, with their radii, followed by all obstacles, as rows."""
 
     def __init__(
         self,
@@ -112,56 +121,58 @@ class Participants(SwarmPartition):
         if any(corridors):
             self.faces = Faces.concatenated([Faces.of(*one) for one in inside])
         self.radius = np.concatenate(radii)  # of each craft, m
-        self.listed = [one for some in obstacles for one in some]  # the obstacles
+        self.obstacles = [one for some in obstacles for one in some]  # the obstacles
         self.counts = np.array([len(some) for some in obstacles])
         self.first = self.craft + np.cumsum(self.counts) - self.counts  # of each swarm's obstacles
-        self._axes = np.array([one.axes for one in self.listed]).reshape(-1, 3)
-        self._holds = np.array([one.hold for one in self.listed], dtype=bool)
+        self._axes = np.array([one.axes for one in self.obstacles]).reshape(-1, 3)
+        self._holds = np.array([one.hold for one in self.obstacles], dtype=bool)
         self.held = self.craft + np.flatnonzero(self._holds)
-        initial = np.array([one.state for one in self.listed]).reshape(-1, 6)
+        initial = np.array([one.state for one in self.obstacles]).reshape(-1, 6)
         e2 = problem.mean_motion**2
-        # Constant control that holds each where it is, by Eq. 1, m/s²; none of those that drift
-        self.pushes = np.where(self._holds[:, None], initial[:, :3] * [-3 * e2, 0.0, e2], 0.0)
-        self.controls = np.repeat(self.pushes[:, None], problem.intervals, axis=1)
-        # Of obstacles; a flight sets its own.
+        # Constant control that holds each in place, by Eq. 1, m/s²; zero for those that drift
+        self.hold_controls = np.where(
+            self._holds[:, None], initial[:, :3] * [-3 * e2, 0.0, e2], 0.0
+        )
+        self.controls = np.repeat(self.hold_controls[:, None], problem.intervals, axis=1)
+        # Node states of obstacles; a flight replaces them by its own.
         self.states: States = fly(initial, self.controls, problem)
 
     @cached_property
     def pairs(self) -> Pairs:
         """Pairs of craft of a swarm, and then each craft of a swarm with each of its obstacles."""
-        i, j = side_by_side(self.sizes).pairs
+        i, j = swarm_partition(self.sizes).pairs
         counts = self.counts[self.label]
         craft = np.repeat(np.arange(self.craft), counts)
         number = np.arange(len(craft)) - np.repeat(np.cumsum(counts) - counts, counts)
         other = self.first[self.label[craft]] + number
         return np.concatenate([i, craft]), np.concatenate([j, other])
 
-    def beside(
+    def all_states(
         self, states: States, nodes: slice = slice(None)
     ) -> Float[Array, "participants T 6"]:
-        """As ``SwarmPartition.beside``, with the obstacles."""
+        """As ``SwarmPartition.all_states``, with the obstacles."""
         return np.concatenate([states, self.states[:, nodes]])
 
-    def pushed(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
-        """As ``SwarmPartition.pushed``, with the obstacles."""
+    def all_controls(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
+        """As ``SwarmPartition.all_controls``, with the obstacles."""
         return np.concatenate([controls, self.controls])
 
-    def marked(self, moved: Marked) -> Bool[Array, "participants"]:
-        """As ``SwarmPartition.marked``: no obstacle is."""
-        return np.append(moved, np.zeros(len(self.listed), dtype=bool))
+    def participant_mask(self, moved: CraftMask) -> Bool[Array, "participants"]:
+        """As ``SwarmPartition.participant_mask``: no obstacle is."""
+        return np.append(moved, np.zeros(len(self.obstacles), dtype=bool))
 
-    def still(self, rows: Indices) -> Bool[Array, "k"]:
-        """As ``SwarmPartition.still``."""
+    def is_obstacle(self, rows: Indices) -> Bool[Array, "k"]:
+        """As ``SwarmPartition.is_obstacle``."""
         return np.asarray(rows >= self.craft)
 
-    def local(self, swarm: int, row: int) -> int:
-        """As ``SwarmPartition.local``; the swarm's obstacles follow its craft."""
+    def local_index(self, swarm: int, row: int) -> int:
+        """As ``SwarmPartition.local_index``; the swarm's obstacles follow its craft."""
         if row < self.craft:
-            return super().local(swarm, row)
+            return super().local_index(swarm, row)
         return self.sizes[swarm] + row - int(self.first[swarm])
 
-    def asked(self, first: Indices, second: Indices) -> tuple[Vectors, Values]:
-        """As ``SwarmPartition.asked``: scales of the axes, and q - r_col, m.
+    def separation_scaling(self, first: Indices, second: Indices) -> tuple[Vectors, Values]:
+        """As ``SwarmPartition.separation_scaling``: scales of the axes, and q - r_col, m.
 
         The least ellipsoid, by the sum of its squared semi-axes, about all points within a
         radius r of an ellipsoid with semi-axes a has √(a²(1 + 1/β) + r²(1 + β)), β² = Σa²/3r².
@@ -176,10 +187,10 @@ class Participants(SwarmPartition):
         least = wanted.min(axis=1)
         return least[:, None] / wanted, least - self.problem.collision_radius
 
-    def places(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
-        """Positions of obstacles, m, by maps from starts of intervals, also later ones."""
+    def obstacle_positions(self, rows: Indices, interval: Indices, maps: PositionMaps) -> Vectors:
+        """Positions of obstacles, m, by maps from starts of intervals, also beyond the plan."""
         k, dynamics = rows - self.craft, self.problem.dynamics
         begin = np.array(self.states[k, 0])
         drift = ~self._holds[k]
         begin[drift] = np.matvec(dynamics.drift(np.zeros_like(interval), interval), begin)[drift]
-        return np.matvec(maps[0], begin) + np.matvec(maps[1], self.pushes[k])
+        return np.matvec(maps[0], begin) + np.matvec(maps[1], self.hold_controls[k])

@@ -1,8 +1,8 @@
 """Passive safety: closest approaches of a craft that has lost its thrust at a node.
 
-One craft drifts on from that node; the others fly their plan to its end and then drift on from
-their goals. All of it is linear motion under controls that are constant over intervals, so the
-search is that of craft in flight, with proven bounds.
+One craft drifts from that node on; the others fly their plan to its end and then drift from their
+goals. All of this is linear motion under controls that are constant over intervals, so the search
+with proven bounds is the same as for craft in flight.
 """
 
 from collections.abc import Iterable, Iterator
@@ -17,14 +17,20 @@ from pipeline.orbit.approaches import (
     SwarmPartition,
     balls,
     closest_to_origin,
-    side_by_side,
+    swarm_partition,
 )
-from pipeline.orbit.arrays import Controls, Indices, Marked, States, Values, mapped
+from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, Values, mapped
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.separation import ROUNDING, Separation, closer, closest_sampled, distances_of
+from pipeline.orbit.separation import (
+    ROUNDING,
+    Separation,
+    closest_sampled,
+    distances_of,
+    replace_if_closer,
+)
 
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
-NO_LENGTH = 1e-9  # a rest of an interval below this share of it is rounding
+NO_LENGTH = 1e-9  # share of an interval below which a remainder is rounding
 
 
 def loss_encounters(
@@ -35,17 +41,19 @@ def loss_encounters(
     within: float | Float[Array, "swarms"],
     *,
     swarms: SwarmPartition | None = None,
-    moved: Marked | None = None,
+    moved: CraftMask | None = None,
 ) -> Approaches:
-    """All encounters of craft adrift from a node with others ``within`` a distance, m.
+    """All encounters within a distance, m, of craft adrift from a node with others.
 
-    The distance is of all swarms or of each; by default there is one. A drift takes so many orbits.
-    Encounters that do not depend on the controls of ``moved`` craft are skipped.
+    The distance is one for all swarms or one for each; by default there is one swarm. ``orbits`` is
+    the length of a drift. Encounters that no controls of ``moved`` craft affect are skipped.
     """
-    swarms = swarms or side_by_side((len(states),))
-    reach = swarms.each(within)
-    paths = _Paths(swarms.beside(states), swarms.pushed(controls), problem, orbits, swarms)
-    moved = None if moved is None else swarms.marked(moved)
+    swarms = swarms or swarm_partition((len(states),))
+    reach = swarms.per_craft(within)
+    paths = _Paths(
+        swarms.all_states(states), swarms.all_controls(controls), problem, orbits, swarms
+    )
+    moved = None if moved is None else swarms.participant_mask(moved)
     found = []
     for length, since in paths.pieces:
         none = (np.zeros(0, dtype=int),) * 4
@@ -58,15 +66,17 @@ def loss_encounters(
 def least_after_loss(
     states: States, controls: Controls, problem: Problem, orbits: float, swarms: SwarmPartition
 ) -> list[Separation]:
-    """The least distance of a drifting craft to another in each swarm, as ``least_separations``."""
-    paths = _Paths(swarms.beside(states), swarms.pushed(controls), problem, orbits, swarms)
+    """The least separation of a drifting craft from another in each swarm."""
+    paths = _Paths(
+        swarms.all_states(states), swarms.all_controls(controls), problem, orbits, swarms
+    )
     least = _closest_at_steps(paths, swarms)
     found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
-    return closer(least, found, problem, swarms)
+    return replace_if_closer(least, found, problem, swarms)
 
 
 class _Paths:
-    """A plan flown to its end, with the drift from the goals that follows, of so many orbits."""
+    """A plan flown to its end, followed by the drift from the goals for a number of orbits."""
 
     def __init__(
         self,
@@ -78,9 +88,9 @@ class _Paths:
     ) -> None:
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
-        whole = self.whole = int(steps + NO_LENGTH)  # M, time steps of a drift
+        whole = self.whole = int(steps + NO_LENGTH)  # M, whole time steps of a drift
         self.problem, self.last = problem, states.shape[1] - 1  # the last node of the plan
-        self.rest = max(0.0, (steps - whole) * h)  # what is left of a drift after M time steps, s
+        self.rest = max(0.0, (steps - whole) * h)  # remainder of a drift after M time steps, s
         # At nodes, and at every further time step of the drift, (n, T + M, 6), m and m/s.
         after = np.matvec(self.drift(self.last)[1:], states[:, -1:])
         idle = np.zeros((len(states), whole + 1, 3))  # after the plan
@@ -90,14 +100,14 @@ class _Paths:
         self.controls = np.concatenate([controls, idle], axis=1)
 
     def drift(self, node: int | Indices, steps: Indices | None = None) -> Float[Array, "_ 6 6"]:
-        """A from a node to each time step of a drift from there, of M; or to some."""
+        """State transition matrices A from a node to all, or some, time steps of a drift."""
         table = _drifts(self.problem, self.whole)
         begin = node if len(table) > 1 else 0
         return table[begin] if steps is None else table[begin, steps]
 
     @property
     def pieces(self) -> Iterator[tuple[float, Int[Array, "steps"]]]:
-        """Intervals of one length, s, and how many time steps after the loss they begin."""
+        """Groups of intervals of one length, s, and their begins, in time steps after the loss."""
         if self.whole:
             yield self.problem.time_step, np.arange(self.whole)
         if self.rest > NO_LENGTH * self.problem.time_step or not self.whole:
@@ -106,7 +116,7 @@ class _Paths:
 
 @lru_cache(maxsize=8)
 def _drifts(problem: Problem, whole: int) -> Float[Array, "_ _ 6 6"]:
-    """A from each node to each time step of a drift; about a circle, of one node for all."""
+    """A from each node to each time step of a drift; about a circle, one node stands for all."""
     nodes = np.arange(1 if problem.orbit is None else problem.nodes)[:, None]
     return problem.dynamics.drift(nodes, nodes + np.arange(whole + 1))
 
@@ -117,7 +127,7 @@ def _candidates(
     since: Int[Array, "steps"],
     reach: Float[Array, "craft"],
     swarms: SwarmPartition,
-    moved: Marked | None,
+    moved: CraftMask | None,
 ) -> Iterator[tuple[Array, ...]]:
     """Drifting craft, node, other craft and interval whose balls are within a distance."""
     dynamics = paths.problem.dynamics
@@ -133,25 +143,29 @@ def _candidates(
         centre, size = around(drifting, np.zeros((*drifting.shape[:2], 3)), node + since)
         for i, j, steps in _searched(node, paths.last, since, swarms, moved):
             at = slice(node + since[steps.start], node + since[steps.stop - 1] + 1)
-            apart = swarms.apart(centre[:, steps], middle[:, at], i, j)
-            pair, step = np.nonzero(apart <= size[i, steps] + radius[j, at] + reach[i, None])
+            separation = swarms.separations(centre[:, steps], middle[:, at], i, j)
+            pair, step = np.nonzero(separation <= size[i, steps] + radius[j, at] + reach[i, None])
             yield i[pair], np.full(len(pair), node), j[pair], at.start + step
 
 
 def _searched(
-    node: int, last: int, since: Int[Array, "steps"], swarms: SwarmPartition, moved: Marked | None
+    node: int,
+    last: int,
+    since: Int[Array, "steps"],
+    swarms: SwarmPartition,
+    moved: CraftMask | None,
 ) -> Iterator[tuple[Int[Array, "p"], Int[Array, "p"], slice]]:
-    """Pairs of a drifting craft and another, and steps of a drift from a node, in portions.
+    """Pairs of a drifting craft and another, and steps of a drift from a node, in batches.
 
-    All of them, or those that depend on the controls of ``moved`` craft.
+    All of them, or those that the controls of ``moved`` craft affect.
     """
     one, other = swarms.pairs
-    back = ~swarms.still(other)  # no obstacle loses its thrust
+    back = ~swarms.is_obstacle(other)  # no obstacle loses its thrust
     lost, met = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     count = len(since)
     if moved is None:
         windows = [(np.ones(len(lost), dtype=bool), 0, count)]
-    else:  # from the first node and the last a drift is fixed, and so is one from a goal
+    else:  # drifts from the first and the last node are fixed, and so are those from goals
         flying = int(np.clip(last - node - since[0], 0, count))
         lost_moved = moved[lost] & (0 < node < last)
         windows = [(lost_moved | moved[met], 0, flying), (lost_moved, flying, count)]
@@ -173,12 +187,12 @@ def _closest(
     start = drifting - paths.states[other, interval]
     A, B = dynamics.step(length, interval)
     end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))
-    scale, beyond = swarms.asked(lost, other)
+    scale, beyond = swarms.separation_scaling(lost, other)
     flown = np.concatenate([end, start, -held], axis=1)
     motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
     return Approaches(
-        **vars(found.less(beyond, near)),
+        **vars(found.reduced_by(beyond, near)),
         first=lost[near],
         second=other[near],
         interval=interval[near],
@@ -195,8 +209,8 @@ def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]
         drifting = np.matvec(paths.drift(node), paths.states[:, node, None])[..., :3]
         for i, j, _ in _searched(node, paths.last, since, swarms, None):
             others = paths.states[:, node : node + len(since), :3]
-            apart = swarms.apart(drifting, others, i, j)
-            for swarm, distance, at, pair in closest_sampled(apart, i, j, swarms):
+            separation = swarms.separations(drifting, others, i, j)
+            for swarm, distance, at, pair in closest_sampled(separation, i, j, swarms):
                 if not closest[swarm].distance <= distance:
                     time = float(node + at) * step
                     closest[swarm] = Separation(distance, distance - slack, pair, time, node)

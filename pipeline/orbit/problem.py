@@ -14,7 +14,7 @@ from pipeline.orbit.reference import LOWEST, check_mean_motion, mean_motion_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 
-# Least and most of each quantity, SI: far beyond any swarm, and arithmetic still holds
+# Accepted range of each quantity, SI: far beyond any swarm, but without numerical trouble
 RANGES = {
     "mean_motion": (1e-15, mean_motion_at(LOWEST)),
     "time_step": (1e-3, 1e6),
@@ -22,8 +22,8 @@ RANGES = {
     "max_acceleration": (1e-12, 1e6),
 }
 
-LIMIT_ROUNDING = 1e-6  # share of the limit on the control that counts as rounding
-NEGLIGIBLE = 1e-10  # fuel that counts as none, in controls that move a craft by r_col
+LIMIT_ROUNDING = 1e-6  # share by which a limit may be exceeded by rounding
+NEGLIGIBLE = 1e-10  # fuel that counts as zero, in units of ``evasive_control``
 # Nodes of a transfer, and revolutions of the reference orbit that it may take
 MOST_NODES, MOST_TURNS = 1250, 1000
 
@@ -33,7 +33,7 @@ class Problem:
     """Orbit, time grid and limits of a transfer; the defaults are the reference problem.
 
     The paper gives T = 11 and r_col = 15 m and leaves orbit and step open; with a 500 km
-    circular orbit and 120 s the expert's fuel is of the size that the paper reports.
+    circular orbit and 120 s the expert's fuel has the magnitude that the paper reports.
 
     Attributes:
         mean_motion: e of the reference orbit, rad/s.
@@ -43,7 +43,7 @@ class Problem:
         max_acceleration: limit on each component of the control, m/s², or None.
         orbit: reference orbit about which motion is linearized; by default a circle without
             perturbations, which needs no more than its mean motion.
-        thrust: thrusters, and what is asked of burns.
+        thrust: thrusters, and constraints on burns.
     """
 
     mean_motion: float = mean_motion_at(500e3)
@@ -93,14 +93,14 @@ class Problem:
         return replace(self, mean_motion=orbit.mean_motion, orbit=orbit)
 
     def starting_at(self, node: int) -> "Problem":
-        """The same problem where the reference is at another node, as for a plan begun there."""
+        """The same problem for a plan that begins at a later node of this one."""
         if self.orbit is None:
             return self
         return replace(self, orbit=self.orbit.later(node * self.time_step))
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> "Problem":
-        """The problem of such fields, as ``document`` gives them."""
+        """The problem with the fields that ``document`` gives."""
         fields = dict(document)
         for name, kind in (("orbit", ReferenceOrbit), ("thrust", Thrust)):
             if given := document.get(name):
@@ -108,7 +108,7 @@ class Problem:
         return cls(**fields)
 
     def document(self) -> dict[str, Any]:
-        """The fields for files, without a reference orbit and thrust where they are the default."""
+        """The fields for files, without orbit and thrust where they have their defaults."""
         fields = asdict(self)
         for name in ("orbit", "thrust"):
             if getattr(self, name) == getattr(Problem, name):
@@ -132,7 +132,7 @@ class Problem:
 
     @property
     def negligible_fuel(self) -> float:
-        """Fuel that is no more than rounding, m/s²."""
+        """Fuel up to which it is rounding, m/s²."""
         return NEGLIGIBLE * self.evasive_control
 
     @property

@@ -1,4 +1,4 @@
-"""The reference orbit: a circle about the Earth."""
+"""The circular reference orbit, its epoch and orientation, and constants of the Earth."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,15 +9,15 @@ from pipeline.errors import InputError, check_finite, check_range, is_number
 MU_EARTH = 398600.4418e9  # gravitational parameter of the Earth, m³/s²
 R_EARTH = 6378137.0  # equatorial radius of the Earth, m
 J2 = 1.0826266836e-3  # second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀
-# Altitudes in m: below, air ends an orbit within a revolution; above, the Sun's pull prevails
+# Altitudes in m: below, drag ends an orbit within a revolution; above, the Sun's gravity prevails
 LOWEST, HIGHEST = 100e3, 1.5e9
-YEARS = (1960, 2200)  # of an epoch: since there is UTC, and no further than anyone plans
-GEOSTATIONARY = 35_786e3  # altitude in m up to which a unit is guessed
+YEARS = (1960, 2200)  # of an epoch: from the first year of UTC on
+GEOSTATIONARY = 35_786e3  # altitude in m up to which a message guesses the unit
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Epoch and attitude of the reference orbit; its size follows from the mean motion.
+    """Epoch and orientation of the reference orbit; its size follows from the mean motion.
 
     An epoch of another zone is converted to UTC. Angles are in degrees and refer to the Earth's
     mean equator and equinox of J2000 (EME2000).
@@ -71,7 +71,7 @@ def radius_at(mean_motion: float) -> float:
 
 
 def check_mean_motion(mean_motion: float) -> None:
-    """Refuse a mean motion (rad/s) of orbits inside the Earth or its air with an InputError."""
+    """Raise InputError for a mean motion, rad/s, of an orbit inside the Earth or its air."""
     most = mean_motion_at(LOWEST)
     if not is_number(mean_motion):
         raise InputError(f"mean_motion is {mean_motion!r}; expected a number, in rad/s.")

@@ -1,4 +1,4 @@
-"""The orbit that relative motion is about: osculating elements, and the forces on all craft."""
+"""The reference orbit of relative motion: osculating elements, and the forces on all craft."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_finite, check_kind, check_range
 from pipeline.orbit import forces
-from pipeline.orbit.arrays import AnyState, OfCraft, Scalar, Values, Vector
+from pipeline.orbit.arrays import AnyState, PerCraft, Scalar, Values, Vector
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
@@ -20,11 +20,11 @@ from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 MOST_ECCENTRIC = 0.85
 MOST_TURNS = 10_000  # revolutions after the epoch by which a plan begins
 MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
-PIECE = 0.15  # by so much the local circular orbit turns in a piece of the reference, rad
+PIECE = 0.15  # angle by which the local circular orbit turns in a piece of the reference, rad
 
 
 def check_elements(of: Any) -> None:
-    """Refuse elements and drag out of range: fields of these names, of an orbit or conditions."""
+    """Raise InputError for elements or drag out of range, in fields of an orbit or conditions."""
     check_range("eccentricity", of.eccentricity, 0.0, MOST_ECCENTRIC)
     check_range("inclination_deg", of.inclination_deg, 0.0, 180.0)
     for angle in ("raan_deg", "argument_of_perigee_deg", "argument_of_latitude_deg"):
@@ -35,7 +35,7 @@ def check_elements(of: Any) -> None:
 def check_drag(
     ballistic: float | None, spread: float, names: tuple[str, str] = ("ballistic", "spread")
 ) -> None:
-    """Refuse drag out of range; ``names`` are those of both values in the message."""
+    """Raise InputError for drag out of range; ``names`` name both values in the message."""
     check_range(names[1], spread, 0.0, 1.0)
     if ballistic is None:
         return
@@ -52,7 +52,7 @@ class ReferenceOrbit:
     """Osculating elements of the reference at an epoch, what perturbs it, and when a plan begins.
 
     The reference is a virtual craft that never burns. It is subject to the same forces as all
-    others, and to drag with the swarm's mean coefficient; what is left is differential drag.
+    craft, with the swarm's mean drag coefficient, so craft have differential drag relative to it.
     Angles are in degrees and refer to the Earth's equator.
     """
 
@@ -62,10 +62,10 @@ class ReferenceOrbit:
     raan_deg: float = 0.0  # Ω, right ascension of the ascending node
     argument_of_perigee_deg: float = 0.0  # ω, from the ascending node
     argument_of_latitude_deg: float = 0.0  # u = ω + ν at the epoch
-    j2: bool = True  # whether the Earth is oblate
-    # C_D A/m in the middle of the swarm and of the reference, m²/kg; None for no drag
+    j2: bool = True  # whether J2 acts
+    # C_D A/m of the reference and the swarm's mean, m²/kg; None for no drag
     ballistic: float | None = None
-    # by what share of it the first craft has less, and the last more; equally spaced between
+    # the first craft has less by this share and the last more, the others equally spaced between
     spread: float = 0.0
     start: float = 0.0  # of the first node, s since the epoch
 
@@ -86,7 +86,7 @@ class ReferenceOrbit:
                 "both: add ballistic, such as 0.01, or leave spread out."
             )
         if self.ballistic is not None:
-            forces.atmosphere_near(perigee)  # refuses what is below all layers
+            forces.atmosphere_near(perigee)  # InputError below all layers
         check_range("start", self.start, 0.0, MOST_TURNS * 2 * pi / self.mean_motion)
 
     @classmethod
@@ -98,7 +98,7 @@ class ReferenceOrbit:
         ballistic: float | None = None,
         spread: float = 0.0,
     ) -> "ReferenceOrbit":
-        """The orbit of an inertial state, m and m/s, by its osculating elements, and of forces."""
+        """The orbit through an inertial state, m and m/s, by its osculating elements."""
         found, u = Elements.of(state)
         return cls(
             semi_major_axis=found.semi_major_axis,
@@ -114,7 +114,7 @@ class ReferenceOrbit:
 
     @classmethod
     def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
-        """The orbit whose mean elements at the epoch are those given, u = ω + ν among them.
+        """The orbit with the given mean elements at the epoch, u = ω + ν among them.
 
         Mean elements are osculating ones without their short-period variations by J2, if any.
         """
@@ -151,14 +151,14 @@ class ReferenceOrbit:
 
     @property
     def air(self) -> forces.Atmosphere:
-        """The layer of the perigee."""
+        """The layer of the atmosphere at the perigee."""
         return forces.atmosphere_near(self.semi_major_axis * (1 - self.eccentricity) - R_EARTH)
 
     def later(self, time: float) -> "ReferenceOrbit":
-        """The same orbit for a plan that begins some s later."""
+        """The same orbit for a plan that begins a time, s, later."""
         return replace(self, start=self.start + time)
 
-    def ballistics(self, n: int) -> OfCraft:
+    def ballistics(self, n: int) -> PerCraft:
         """Ballistic coefficient of each of n craft, m²/kg; zero without drag."""
         if self.ballistic is None:
             return np.zeros(n)
@@ -166,7 +166,7 @@ class ReferenceOrbit:
         return self.ballistic * (1 + self.spread * shares)
 
     def acceleration(self, states: AnyState, ballistic: Scalar | float) -> Vector:
-        """By all forces but thrust at inertial states, m/s²; drag with coefficients, m²/kg."""
+        """Acceleration by all forces but thrust at inertial states, m/s²; ballistic in m²/kg."""
         position = states[..., :3]
         total = forces.point_mass(position)
         if self.j2:
@@ -176,7 +176,7 @@ class ReferenceOrbit:
         return total
 
     def gradient(self, states: AnyState) -> Float[Array, "*batch 3 6"]:
-        """Derivative of the acceleration by the state, with the mean coefficient of drag."""
+        """Derivative of the acceleration by the state, with the mean ballistic coefficient."""
         by_position = forces.gravity_gradient(states[..., :3], j2=self.j2)
         gradient = np.concatenate([by_position, np.zeros_like(by_position)], axis=-1)
         if self.ballistic is not None:
@@ -184,7 +184,7 @@ class ReferenceOrbit:
         return gradient
 
     def states(self, times: Values) -> Float[Array, "k 6"]:
-        """Inertial states, m and m/s, at times from 0 on, s since the plan's start."""
+        """Inertial states, m and m/s, at times from 0 on, s since the first node."""
         ascending, place = np.unique(self.start + times, return_inverse=True)
         return _states(self, tuple(ascending.tolist()))[place]
 
@@ -201,12 +201,15 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
     state, lost, begin, done = orbit.begin, np.zeros(6), 0.0, 0
     while done < len(wanted):
         half = PIECE / 2 * sqrt(float(norm(state[:3])) ** 3 / MU_EARTH)
-        with np.errstate(over="ignore", invalid="ignore"):  # of what falls, and is refused
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # of decaying orbits, which raise InputError
             moved = _piece(orbit, state, half)
         inside = slice(done, int(np.searchsorted(wanted, begin + 2 * half, side="right")))
         along = basis((wanted[inside] - begin) / half - 1) @ COEFFICIENTS
         found[inside] = state + along @ moved
-        # Kahan's sum: rounding of the speed would add up to micrometres along eccentric orbits.
+        # Compensated summation (Kahan): rounding errors would reach micrometres on eccentric
+        # orbits.
         step = moved[-1] + lost
         done, begin, before, state = inside.stop, begin + 2 * half, state, state + step
         lost = step - (state - before)

@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit import mean_elements
-from pipeline.orbit.arrays import AnyState, Formation, OfCraft, Scalar
+from pipeline.orbit.arrays import AnyState, Formation, PerCraft, Scalar
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.inertial import Frame
@@ -25,19 +25,19 @@ from pipeline.orbit.reference import MU_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
 DRIFT_FREE = 1e-6  # relative misfit of Eq. 3 up to which states lie on passive relative orbits
-LIKE = 0.1  # share by which semi-major axes may differ, and eccentricities are below 1
-NEWTON = 4  # steps for δa; each leaves about the square of what it misses
+LIKE = 0.1  # relative difference of semi-major axes, and margin of eccentricities below 1
+NEWTON = 4  # iterations for δa, which converge about quadratically
 
-Each = float | Float[Array, "#n"]  # of all craft, or of each
+OneOrEach = float | Float[Array, "#n"]  # of all craft, or of each
 
 
 def pro_states(
-    semi_major_axis: Each,
-    tilt: Each,
-    phase: OfCraft,
-    cross_phase: Each,
+    semi_major_axis: OneOrEach,
+    tilt: OneOrEach,
+    phase: PerCraft,
+    cross_phase: OneOrEach,
     mean_motion: float,
-    offset: Each = 0.0,
+    offset: OneOrEach = 0.0,
 ) -> Formation:
     """LVLH states (m, m/s) of craft on 2:1 relative orbits, bounded since they satisfy Eq. 3.
 
@@ -66,7 +66,7 @@ def energy_mismatch(states: AnyState, mean_motion: float) -> Scalar:
 
 
 def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
-    """Positions in m over one revolution of free drift through states on PROs; None for others."""
+    """Positions, m, over one revolution of free drift from states on PROs; None for others."""
     # The mean motion follows from Eq. 3, ẏ = -2e x, with one e for all.
     x, vy = states[:, 0], states[:, 4]
     mean_motion = -float(vy @ x) / (2 * float(x @ x)) if x.any() else 0.0
@@ -79,18 +79,18 @@ def revolution(states: Formation, points: int) -> Float[Array, "n _ 3"] | None:
 
 def ring_states(
     problem: Problem,
-    semi_major_axis: Each,
-    tilt: Each,
-    phase: OfCraft,
-    cross_phase: Each = 0.0,
-    offset: Each = 0.0,
+    semi_major_axis: OneOrEach,
+    tilt: OneOrEach,
+    phase: PerCraft,
+    cross_phase: OneOrEach = 0.0,
+    offset: OneOrEach = 0.0,
 ) -> Formation:
     """LVLH states (m, m/s) at the first node of craft on a ring, as ``pro_states`` has it.
 
-    About another orbit than a circle without perturbations they have the same relative elements:
-    δe = a/2 at θ behind the mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that
-    along-track positions do not drift on average over revolutions. So the motion is bounded, and
-    has the ring's shape as far as the orbit is near to a circle.
+    About an orbit with eccentricity or J2 they have the same relative elements: δe = a/2 at θ
+    behind the mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that along-track
+    positions do not drift on average over revolutions. So the motion is bounded, and close to the
+    ring's shape where the orbit is close to a circle.
     """
     orbit = problem.orbit
     if orbit is None or (orbit.eccentricity == 0 and not orbit.j2):
@@ -113,11 +113,11 @@ def ring_states(
     return frame.from_inertial(states - origin)
 
 
-def secular_drift(states: Formation, problem: Problem) -> OfCraft:
+def secular_drift(states: Formation, problem: Problem) -> PerCraft:
     """Along-track drift of LVLH states at the first node, m a revolution of a reference orbit.
 
-    By Kepler and to first order in J2, of positions averaged over revolutions; by the energy alone
-    of craft on quite another orbit than the reference's.
+    For positions averaged over revolutions, by Kepler's laws and to first order in J2; by the
+    energy alone for craft whose orbit differs much from the reference's.
     """
     orbit = problem.orbit
     assert orbit is not None
@@ -144,11 +144,11 @@ def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Float[Array,
 
 def _relative_rate(
     orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]
-) -> OfCraft:
-    """Secular along-track rate of mean states about a mean reference, averaged, m/s.
+) -> PerCraft:
+    """Secular along-track rate of mean states relative to a mean reference, averaged, m/s.
 
-    A turn of the orbit in its plane, Δω + ΔΩ cos i, moves a craft by that times r, of which the
-    average is a (1 + e²/2); ΔM by a²√(1-e²)/r, on average a √(1-e²).
+    A rotation of the orbit in its plane, Δω + ΔΩ cos i, moves a craft by that times r, on average
+    by a (1 + e²/2); ΔM by a²√(1-e²)/r, on average a √(1-e²).
     """
     rates = (mean_elements.secular_rates(states, j2=orbit.j2) for states in (mean, reference))
     perigee, anomaly, node = (craft - its for craft, its in zip(*rates, strict=True))

@@ -59,12 +59,12 @@ class _Stretches:
     pair: Int[Array, "s"]  # number of the pair, in the order of ``pairs``
     interval: Int[Array, "s"]  # which
     state: Float[Array, "s 6"]  # mean difference of states at the interval's start, m and m/s
-    push: Float[Array, "s 3"]  # mean difference of controls, m/s²
+    control: Float[Array, "s 3"]  # mean difference of controls, m/s²
     errors: Float[Array, "s 9 9"]  # covariance of the errors of both
     near: Float[Array, "s"]  # distance from which the pair is far, m
     bend: Float[Array, "s"]  # bound on the mean relative acceleration, m/s²
     stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
-    normals: float  # K
+    max_sigma: float  # K
     two_sided: bool = False  # whether checks are along the largest error, and on both sides
 
     def maps(self, which: Indices, share: Values) -> Maps:
@@ -75,7 +75,7 @@ class _Stretches:
 
     def position(self, which: Indices, maps: Maps) -> Vectors:
         """Mean relative position, m."""
-        return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.push[which])
+        return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.control[which])
 
     def covariance(self, which: Indices, one: Maps, other: Maps) -> Values:
         """Covariance of two linear functionals of the errors."""
@@ -98,7 +98,7 @@ class _Stretches:
         at, half = panels.stretch, panels.width * self.problem.time_step / 2
         middle = (panels.begin + panels.width / 2) * self.problem.time_step
         A, B = self.problem.dynamics.step(middle, self.interval[at])
-        mean = np.matvec(A, self.state[at]) + np.matvec(B, self.push[at])
+        mean = np.matvec(A, self.state[at]) + np.matvec(B, self.control[at])
         moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # at most, from there
         near = norm(mean[:, :3]) - moved < self.near[at]
         if not self.two_sided:
@@ -109,9 +109,9 @@ class _Stretches:
         spread = both @ self.errors[at] @ both.mT
         normal = likeliest_direction(mean[:, :3], spread[:, :3, :3], radius)
         place = np.vecdot(normal, mean[:, :3])
-        place -= self.normals * standard_deviation(normal, spread[:, :3, :3])
+        place -= self.max_sigma * standard_deviation(normal, spread[:, :3, :3])
         speed = np.abs(np.vecdot(normal, mean[:, 3:]))
-        speed += self.normals * standard_deviation(normal, spread[:, 3:, 3:])
+        speed += self.max_sigma * standard_deviation(normal, spread[:, 3:, 3:])
         least = place - (speed + self.stray[at] * half / 2) * half
         return near & (least < radius)
 
@@ -191,7 +191,7 @@ def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[floa
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
-    sigma = np.sqrt(np.diagonal(spread.commanded, axis1=2, axis2=3))
+    sigma = np.sqrt(np.diagonal(spread.correction_covariance, axis1=2, axis2=3))
     size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
     beyond = float(ndtr((np.stack([size, -size]) - most) / sigma).sum())
     ratio = size / sigma
@@ -220,7 +220,7 @@ def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> V
     return found
 
 
-def levels_at(
+def sigma_levels(
     node: int, first: Indices, second: Indices, states: States, spread: Dispersion, distance: float
 ) -> Values:
     """How many standard deviations pairs are further apart than a distance, m, at a node."""
@@ -237,9 +237,9 @@ def _stretches(
     # Checks on one side say nothing about a broken pair, whose risk is 1 unless errors are large.
     from scipy.special import gammainccinv  # slow to import, and only a risk needs it
 
-    n, normals = len(spread.state), spread.state.shape[3] + spread.own
+    n, normals = len(spread.state), spread.state.shape[3] + spread.thruster_normals
     most = float(np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2))))  # K
-    radius, deviation = problem.collision_radius, spread.most_deviation(problem)
+    radius, deviation = problem.collision_radius, spread.deviation_bound(problem)
     within = radius + most * np.sqrt(2) * float(deviation.max())
     broken = _numbers(close_approaches(states, controls, problem, radius), n)
     found = close_approaches(states, controls, problem, within, tolerance=COARSE)
@@ -249,19 +249,19 @@ def _stretches(
     keep = keep[np.lexsort((k[keep], number[keep]))]
     i, j, k, number, near = (one[keep] for one in (i, j, k, number, near))
     state, push = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
-    bend = problem.dynamics.most_acceleration(state, push, problem.time_step, k)
-    erring = spread.most_acceleration(problem)
+    bend = problem.dynamics.acceleration_bound(state, push, problem.time_step, k)
+    erring = spread.acceleration_bound(problem)
     stretches = _Stretches(
         problem=problem,
         pair=number,
         interval=k,
         state=state,
-        push=push,
+        control=push,
         errors=spread.of_pairs(i, j, k),
         near=near,
         bend=bend,
         stray=bend + most * np.hypot(erring[i, k], erring[j, k]),
-        normals=most,
+        max_sigma=most,
     )
     return stretches, broken
 
@@ -283,7 +283,7 @@ def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Va
     panels.first[joined] = np.roll(panels.last, 1, axis=0)[joined]
     while True:
         panels = panels[stretches.may_be_near(panels)]
-        chance, excess = _failing(panels, stretches)
+        chance, excess = _failure_probability(panels, stretches)
         split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
         split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)
         if not split.any():
@@ -292,7 +292,9 @@ def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Va
         panels = panels.halved(split, stretches)
 
 
-def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
+def _failure_probability(
+    panels: _Panels, stretches: _Stretches
+) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
     """Probability of failing a check after one that holds, or the first, and its margins' part."""
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
@@ -310,7 +312,7 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
 
     turn = panels.last - panels.first
     swing = along(turn, less(there, here))
-    erring = stretches.normals * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
+    erring = stretches.max_sigma * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
     turned = np.vecdot(turn, end - start)
     turning = np.maximum(np.abs(turned) if stretches.two_sided else turned, 0.0) + erring
     margin = stretches.stray[at] * width**2 / 8 + turning / 4
@@ -331,12 +333,14 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     margin_first, margin_last = margin_first + np.abs(jump), margin_last + np.abs(jump_last)
     mean, mean_last = apart - margin_first, apart_last - margin_last
     mixed = stretches.covariance(at, first, step)
-    chance = falls_below(mean, variances[0], mean_last - mean, mixed, variances[2])
+    chance = crossing_probability(mean, variances[0], mean_last - mean, mixed, variances[2])
     sigma, sigma_last = (np.maximum(np.sqrt(one), TINY) for one in variances[:2])
     begins = ndtr(-mean / sigma)
     if stretches.two_sided:
         beyond = -2 * (radius + margin_first) - mean, -2 * (radius + margin_last) - mean_last
-        chance += falls_below(beyond[0], variances[0], beyond[1] - beyond[0], mixed, variances[2])
+        chance += crossing_probability(
+            beyond[0], variances[0], beyond[1] - beyond[0], mixed, variances[2]
+        )
         begins -= ndtr(beyond[0] / sigma)
     chance += np.where(joined, 0.0, begins)
     least = 1 / radius if stretches.two_sided else 0.0
@@ -349,7 +353,7 @@ def _failing(panels: _Panels, stretches: _Stretches) -> tuple[Float[Array, "q"],
     return chance, (chance + beside) * np.minimum(margin * np.maximum(*share), 1.0)
 
 
-def falls_below(
+def crossing_probability(
     mean: Values, variance: Values, step: Values, mixed: Values, step_variance: Values
 ) -> Values:
     """P(X ≥ 0, X + D < 0) of jointly Gaussian X and D, by Owen's T function.

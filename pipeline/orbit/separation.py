@@ -15,7 +15,7 @@ from pipeline.orbit.approaches import (
     close_approaches,
     least_of_each,
     pairs,
-    side_by_side,
+    swarm_partition,
 )
 from pipeline.orbit.arrays import Controls, Indices, States
 from pipeline.orbit.bezier import norm
@@ -53,8 +53,8 @@ def swarm_node_collisions(
         parts = np.split(states, swarms.starts[1:])
         return np.array([node_collisions(part, collision_radius) for part in parts])
     i, j = swarms.pairs
-    positions = swarms.beside(states, nodes)[..., :3]
-    close = swarms.apart(positions, positions, i, j) <= collision_radius
+    positions = swarms.all_states(states, nodes)[..., :3]
+    close = swarms.separations(positions, positions, i, j) <= collision_radius
     return np.bincount(swarms.label[i], close.sum(axis=1), len(swarms.sizes)).astype(int)
 
 
@@ -81,7 +81,7 @@ def least_separations(
     least = _closest_at_nodes(states, problem, swarms)
     within = distances_of(least)
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
-    return closer(least, found, problem, swarms)
+    return replace_if_closer(least, found, problem, swarms)
 
 
 def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
@@ -89,7 +89,7 @@ def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
     return np.nan_to_num([one.distance for one in least], posinf=0.0)
 
 
-def closer(
+def replace_if_closer(
     least: list[Separation], found: Approaches, problem: Problem, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least separation of each swarm, replaced where an approach was found."""
@@ -97,7 +97,10 @@ def closer(
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        pair = swarms.local(swarm, int(found.first[k])), swarms.local(swarm, int(found.second[k]))
+        pair = (
+            swarms.local_index(swarm, int(found.first[k])),
+            swarms.local_index(swarm, int(found.second[k])),
+        )
         lost = None if found.node is None else int(found.node[k])
         distance = float(found.distance[k])
         least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
@@ -110,7 +113,7 @@ def closest_sampled(
     """The closest pair of each swarm that has one, at some times: swarm, distance, time, craft."""
     least = apart.min(axis=1)
     for swarm, k in np.transpose(least_of_each(least, swarms.label[first])).tolist():
-        pair = swarms.local(swarm, int(first[k])), swarms.local(swarm, int(second[k]))
+        pair = swarms.local_index(swarm, int(first[k])), swarms.local_index(swarm, int(second[k]))
         yield swarm, float(least[k]), int(apart[k].argmin()), pair
 
 
@@ -118,7 +121,7 @@ def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[
     """Lower bound on the separation of each formation's craft in an orbit of free drift, m."""
     N, n, _ = states.shape
     drift = free_drift(states.reshape(N * n, 6), problem)
-    return np.array([apart.bound for apart in least_separations(*drift, side_by_side((n,) * N))])
+    return np.array([apart.bound for apart in least_separations(*drift, swarm_partition((n,) * N))])
 
 
 def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
@@ -131,15 +134,15 @@ def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) 
     """The closest pair of each swarm at any node; the bound is lower by what rounding may hide."""
     if not swarms.few and len(swarms.sizes) > 1:
         parts = np.split(states, swarms.starts[1:])
-        each = (_closest_at_nodes(part, problem, side_by_side((len(part),))) for part in parts)
+        each = (_closest_at_nodes(part, problem, swarm_partition((len(part),))) for part in parts)
         return [one for (one,) in each]
     closest = [Separation()] * len(swarms.sizes)
     most = np.maximum.reduceat(np.abs(states[..., :3]).max(axis=(1, 2)), swarms.starts)
     if swarms.few:
         i, j = swarms.pairs
-        craft, states = len(states), swarms.beside(states)
+        craft, states = len(states), swarms.all_states(states)
         most = np.maximum(most, np.abs(states[craft:, :, :3]).max(initial=0.0))
-        apart = swarms.apart(states[..., :3], states[..., :3], i, j)
+        apart = swarms.separations(states[..., :3], states[..., :3], i, j)
         found = closest_sampled(apart, i, j, swarms)
     else:
         found = iter([_closest_by_tree(states)])

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_choice, check_each, check_range, check_vector
-from pipeline.orbit.arrays import OfCraft, Rows
+from pipeline.orbit.arrays import PerCraft, Rows
 
 COMPONENTS, NORM = "components", "norm"
 ALL_WAYS = 1e-3  # least radius of the ball inside the hull of directions that reach all ways
@@ -119,13 +119,15 @@ def check_directions(directions: tuple[Direction, ...]) -> None:
 class Limits(Rows):
     """What the thrusters of each of n craft can do."""
 
-    component: OfCraft  # largest component of a control, or thrust of a thruster, m/s²
-    norm: OfCraft  # largest ‖u‖₂, m/s²
-    delta_v: OfCraft  # what is left in all, m/s
+    component: PerCraft  # largest component of a control, or thrust of a thruster, m/s²
+    norm: PerCraft  # largest ‖u‖₂, m/s²
+    delta_v: PerCraft  # what is left in all, m/s
     burns: Bool[Array, "n intervals 3"]  # components that may be other than zero
 
 
-def blocked(windows: Windows, time_step: float, intervals: int) -> Bool[Array, "intervals"]:
+def blocked_intervals(
+    windows: Windows, time_step: float, intervals: int
+) -> Bool[Array, "intervals"]:
     """Intervals that overlap a stretch of time in which there must be no burn."""
     starts = time_step * np.arange(intervals)
     found = np.zeros(intervals, dtype=bool)

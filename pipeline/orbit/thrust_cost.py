@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import ProlearnError
-from pipeline.orbit.arrays import Controls, Marked, OfCraft, Scalar, Vector
+from pipeline.orbit.arrays import Controls, CraftMask, PerCraft, Scalar, Vector
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
@@ -35,21 +35,21 @@ def cost(controls: Vector, thrust: Thrust) -> Scalar:
     return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))
 
 
-def burned(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]:
+def interval_fuel(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]:
     """Fuel of all craft in an interval of K trials, m/s², by thrusters without limits."""
     if thrust.model == COMPONENTS:
         return np.asarray(np.abs(controls).sum(axis=(1, 2)))
     return np.asarray(cost(controls, thrust).sum(axis=1))
 
 
-def polar(along: Vector, thrust: Thrust) -> Scalar:
+def dual_norm(along: Vector, thrust: Thrust) -> Scalar:
     """The most that a control which costs 1 does along vectors: the dual norm of the cost."""
     if thrust.directions is None:
         return np.asarray(np.linalg.norm(along, axis=-1))
     return np.asarray(np.maximum((along @ thrust.directions.T).max(axis=-1), 0.0))
 
 
-def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
+def conjugate_bound(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> PerCraft:
     """At least the most that the controls of each craft do along vectors, less what they cost.
 
     The largest v · u - cost(u) of each interval, within limits, summed; infinite without a limit.
@@ -60,22 +60,24 @@ def worth(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> O
     if thrust.directions is None:
         parts = [one / np.maximum(1.0, WITHIN * _length(one)) for one in (split, along)]
     else:
-        over = (np.maximum(1.0, WITHIN * polar(one, thrust)[..., None]) for one in (rest, along))
+        over = (
+            np.maximum(1.0, WITHIN * dual_norm(one, thrust)[..., None]) for one in (rest, along)
+        )
         parts = [along - one / by for one, by in zip((rest, along), over, strict=True)]
-    return _most(along, [split, along, 0 * along, *parts], limits, thrust, 1.0)
+    return _conjugate_over_splits(along, [split, along, 0 * along, *parts], limits, thrust, 1.0)
 
 
-def support(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> OfCraft:
+def support_bound(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> PerCraft:
     """At least the most that the controls of each craft do along vectors, within its limits.
 
-    The split is as in ``worth``; what controls cost does not count.
+    The split is as in ``conjugate_bound``; what controls cost does not count.
     """
-    return _most(along, [split, along, 0 * along], limits, thrust, 0.0)
+    return _conjugate_over_splits(along, [split, along, 0 * along], limits, thrust, 0.0)
 
 
-def _most(
+def _conjugate_over_splits(
     along: Controls, splits: list[Controls], limits: Limits, thrust: Thrust, price: float
-) -> OfCraft:
+) -> PerCraft:
     """Upper bound on v · u - price · cost(u) over the controls of each craft, by the best split."""
     component, norm = limits.component[:, None], limits.norm[:, None]
     least = np.full(along.shape[:2], np.inf)
@@ -146,18 +148,18 @@ def cost_within(
     return np.asarray(np.maximum(least, thrusts(controls, limits, thrust).sum(axis=2)))
 
 
-def spent(controls: Controls, thrust: Thrust, limits: Limits | None = None) -> OfCraft:
+def craft_fuel(controls: Controls, thrust: Thrust, limits: Limits | None = None) -> PerCraft:
     """Fuel of each craft, m/s², within the limits of its thrusters."""
     return np.asarray(cost_within(controls, thrust, limits).sum(axis=1))
 
 
-def exceeds(controls: Controls, limits: Limits, problem: Problem) -> dict[str, Marked]:
+def exceeded_limits(controls: Controls, limits: Limits, problem: Problem) -> dict[str, CraftMask]:
     """Which craft exceed which of their limits."""
     thrust, time_step = problem.thrust, problem.time_step
     norm, used = np.linalg.norm(controls, axis=2), np.abs(controls).max(axis=(1, 2))
     if not isinstance(thrust.model, str) and np.isfinite(limits.component).any():
         used = thrusts(controls, limits, thrust).max(axis=(1, 2))
-    burned = time_step * spent(controls, thrust, limits)
+    burned = time_step * craft_fuel(controls, thrust, limits)
     return {
         "max_acceleration": ~(used <= limits.component * (1 + LIMIT_ROUNDING)),
         "max_acceleration_norm": ~(norm.max(axis=1) <= limits.norm * (1 + LIMIT_ROUNDING)),

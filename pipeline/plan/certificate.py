@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import Controls, OfCraft, States
+from pipeline.orbit.approaches import SwarmPartition, swarm_partition
+from pipeline.orbit.arrays import Controls, PerCraft, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.nearest import Nearest
-from pipeline.orbit.nonlinear import NonlinearFlight, least_adrift_in_world
+from pipeline.orbit.nonlinear import NonlinearFlight, least_after_loss_nonlinear
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import CollisionRisk, collision_risk
 from pipeline.orbit.separation import Separation, least_separations, swarm_node_collisions
 from pipeline.orbit.thrust import ALONG_AXES
-from pipeline.orbit.thrust_cost import burn_sizes, spent
+from pipeline.orbit.thrust_cost import burn_sizes, craft_fuel
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, refuse_risk
 from pipeline.scenario import Scenario, participants, shared_problem
@@ -366,7 +366,7 @@ def certify(
 
 
 def _side_by_side(scenarios: Sequence[Scenario]) -> SwarmPartition:
-    return side_by_side(tuple(one.n for one in scenarios))
+    return swarm_partition(tuple(one.n for one in scenarios))
 
 
 def _spending(
@@ -380,13 +380,13 @@ def _spending(
     thrust, step = problem.thrust, problem.time_step
     each = list(zip(np.split(controls, starts[1:]), scenarios, strict=True))
 
-    def of_craft(values: OfCraft) -> list[tuple[float, ...]]:
+    def of_craft(values: PerCraft) -> list[tuple[float, ...]]:
         return [tuple(one.tolist()) for one in np.split(values, starts[1:])]
 
     along_axes = np.abs(controls).sum(axis=(1, 2))
     burned = along_axes
     if thrust != ALONG_AXES:
-        burned = np.concatenate([spent(one, thrust, s.limits) for one, s in each])
+        burned = np.concatenate([craft_fuel(one, thrust, s.limits) for one, s in each])
     used = np.add.reduceat(burned, starts).tolist()
     least = [
         min(bound, fuel) if bound <= fuel * (1 + SUM_ROUNDING) else bound  # above it by rounding
@@ -449,7 +449,7 @@ def _passive_safety(
     problem = scenarios[0].problem
 
     def in_flight(one: NonlinearFlight, swarms: SwarmPartition | None) -> Separation:
-        return least_adrift_in_world(one.states, one.controls, problem, orbits, swarms)
+        return least_after_loss_nonlinear(one.states, one.controls, problem, orbits, swarms)
 
     linear = partial(least_after_loss, states, controls, problem, orbits)
     found = _least(scenarios, linear, flights, in_flight)

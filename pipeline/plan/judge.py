@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_cost import exceeds
+from pipeline.orbit.thrust_cost import exceeded_limits
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
 from pipeline.plan.certificate import Certificate, PassiveSafety, certify
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
@@ -123,7 +123,7 @@ def violations(plan: Plan) -> dict[str, str]:
         if not (position <= POSITION_TOLERANCE and velocity <= VELOCITY_TOLERANCE):
             wrong[name] = f"misses {what} by {position:.3g} m and {velocity:.3g} m/s"
     if limits is not None:
-        exceeded = exceeds(plan.controls, limits, problem).items()
+        exceeded = exceeded_limits(plan.controls, limits, problem).items()
         first = {name: int(craft.argmax()) for name, craft in exceeded if craft.any()}
         if first:
             faults = (f"craft {craft} {EXCEEDS[name]}" for name, craft in first.items())

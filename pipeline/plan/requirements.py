@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_kind, check_range, is_number
-from pipeline.orbit.covariance import MOST, Uncertainty
+from pipeline.orbit.covariance import MAX_ERRORS, Uncertainty
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import Scenario
 
@@ -60,7 +60,7 @@ class RiskLimit:
                 "errors are given, and a sigma is given besides; expected one of the two."
             )
         for name in sigmas:
-            check_range(name, getattr(self, name), 0.0, MOST[SIGMAS[name]])
+            check_range(name, getattr(self, name), 0.0, MAX_ERRORS[SIGMAS[name]])
         if self.uncertainty(Problem()) == Uncertainty():
             raise InputError(
                 f"risk is {self.asked:g} and no error is given; expected a navigation, thrust or "

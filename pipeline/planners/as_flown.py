@@ -17,9 +17,9 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.batch import Batch
-from pipeline.orbit.arrays import Controls, Marked, States, Values
+from pipeline.orbit.arrays import Controls, CraftMask, States, Values
 from pipeline.orbit.bezier import norm
-from pipeline.orbit.decoupled import least_fuel
+from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -287,14 +287,14 @@ def _changed(
     added, unable = _least_change(free, miss, at)
     if unable.any() and limits is not None:
         added[unable] = _least_change(limits.burns[unable], miss[unable], at[unable])[0]
-    elif unable.any() and (optima := least_fuel(miss[unable], problem)) is not None:
+    elif unable.any() and (optima := minimum_fuel(miss[unable], problem)) is not None:
         added[unable] = optima.controls.reshape(len(optima.controls), -1)
     return controls + added.reshape(controls.shape)
 
 
 def _least_change(
     free: Bool[Array, "n intervals 3"], miss: Float[Array, "n r"], at: Arrivals
-) -> tuple[Float[Array, "n m"], Marked]:
+) -> tuple[Float[Array, "n m"], CraftMask]:
     """Least squares of what is added to free components, and of which craft that is too little."""
     columns = (at.weight[:, None] * at.reach) * free.reshape(len(free), 1, -1)
     columns *= at.asked[..., None]

@@ -11,8 +11,8 @@ from pipeline.arrays import Array, Float
 from pipeline.expert import decoupled_optima
 from pipeline.expert.batch import Batch
 from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss
-from pipeline.orbit.arrays import OfCraft
-from pipeline.orbit.decoupled import least_fuel
+from pipeline.orbit.arrays import PerCraft
+from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.scenario import Scenario
 
 # How costs are proven of which some need a program
@@ -49,7 +49,7 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
     if scenario.limits is not None:
         return DecoupledCosts(_limited_costs(scenario), PROGRAM)
-    found = least_fuel(goal_miss(initial, goal, problem), problem)
+    found = minimum_fuel(goal_miss(initial, goal, problem), problem)
     if found is None:  # no table
         optima = decoupled_optima(initial, goal, problem)
         bounds = np.where(optima.impossible, np.inf, optima.lower_bound)
@@ -136,7 +136,7 @@ class _Subproblem:
             return None
         return (*self.slots[: self.kept], *slots.tolist())
 
-    def bounds_without(self, costs: Float[Array, "n n"]) -> OfCraft:
+    def bounds_without(self, costs: Float[Array, "n n"]) -> PerCraft:
         """For each craft, a lower bound on the cost of the part where it takes another goal."""
         # The craft needs another goal, and its goal another craft; by the reduced costs, none of
         # which is negative, either adds the least that is left to it. Kept craft have no bound.

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.infeasibility import forced_goals
+from pipeline.orbit.infeasibility import allowed_goals
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, gap_of
 from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs, ranked
 from pipeline.planners.planner import PlannerWrapper
@@ -100,7 +100,7 @@ class _Candidates:
             return
         if self.first is not None and plan.status == INFEASIBLE and asked is not None:
             ends, problem = (scenario.initial, scenario.goal), scenario.problem
-            of_use = forced_goals(*ends, problem, asked.orbits)
+            of_use = allowed_goals(*ends, problem, asked.orbits)
             self.allowed = np.where(of_use, self.costs.fuel, np.inf)
             self.first = next(ranked(self.allowed), None)
 

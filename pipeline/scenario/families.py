@@ -14,8 +14,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, check_choice, check_kind, check_whole
-from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, side_by_side
-from pipeline.orbit.arrays import Formation, Marked
+from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, swarm_partition
+from pipeline.orbit.arrays import CraftMask, Formation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import ring_states
 from pipeline.orbit.separation import drift_separations, node_collisions
@@ -148,14 +148,14 @@ def _states(elements: Sequence[Elements], problem: Problem) -> Formations:
     return ring_states(problem, *np.concatenate(elements).T).reshape(len(elements), -1, 6)
 
 
-def _safe(states: Formations, problem: Problem, added: Marked | None = None) -> Bool[Array, "b"]:
+def _safe(states: Formations, problem: Problem, added: CraftMask | None = None) -> Bool[Array, "b"]:
     """Whether pairs, or those of added craft, stay further apart than r_col in free drift."""
     n, radius = states.shape[1], problem.collision_radius
     # Most unsafe draws are, from the start; the rest takes longer to see.
     safe = node_collisions(states[:, :, None], radius) == 0
     left = np.flatnonzero(safe)
     if len(left):
-        swarms = side_by_side((n,) * len(left))
+        swarms = swarm_partition((n,) * len(left))
         drift = free_drift(states[left].reshape(-1, 6), problem)
         moved = None if added is None else np.tile(added, len(left))
         found = close_approaches(*drift, within=radius, swarms=swarms, moved=moved)
@@ -164,7 +164,7 @@ def _safe(states: Formations, problem: Problem, added: Marked | None = None) -> 
 
 
 def _redrawn(
-    count: int, make: Callable[[list[int]], Formations], safe: Callable[[Formations], Marked]
+    count: int, make: Callable[[list[int]], Formations], safe: Callable[[Formations], CraftMask]
 ) -> Formations:
     """The first formation of each draw that is safe; ``make`` draws those of some of them."""
     found: dict[int, Formation] = {}
@@ -288,7 +288,7 @@ def _rotation(draws: Draws, problems: Problems) -> list[Ends]:
         both = zip(*[rings(draws[k]) for k in left], strict=True)
         return np.hstack([*map(_states, both, problems)])
 
-    def safe(both: Formations) -> Marked:
+    def safe(both: Formations) -> CraftMask:
         fine = _safe(both[:, :n], problems[0])
         fine[fine] = _safe(both[fine, n:], problems[1])
         return fine

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from pipeline.orbit.arrays import Formation, OfCraft
+from pipeline.orbit.arrays import Formation, PerCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -75,7 +75,7 @@ class RingDocument(
         return self
 
     @property
-    def phase(self) -> OfCraft:
+    def phase(self) -> PerCraft:
         """θ of each craft, rad."""
         if self.phases_deg is not None:
             return np.deg2rad(self.phases_deg)

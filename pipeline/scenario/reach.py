@@ -6,8 +6,8 @@ from math import ceil, floor, log10
 
 import numpy as np
 
-from pipeline.orbit.arrays import OfCraft
-from pipeline.orbit.decoupled import least_cost, least_limits, least_limits_within
+from pipeline.orbit.arrays import PerCraft
+from pipeline.orbit.decoupled import craft_fuel_bound, minimum_limits, minimum_limits_at_nodes
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
 from pipeline.scenario.arrivals import arrivals_of
@@ -28,8 +28,8 @@ class Need:
 
     name: str
     unit: str
-    least: OfCraft  # infinite where no limit is enough
-    most: OfCraft  # the limits; infinite where there is none
+    least: PerCraft  # infinite where no limit is enough
+    most: PerCraft  # the limits; infinite where there is none
 
 
 def reachable(scenario: Scenario) -> Diagnostic:
@@ -49,7 +49,7 @@ def reachable(scenario: Scenario) -> Diagnostic:
 def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
     """Whether each craft can reach its goal within max_acceleration, if that is given."""
     limit = scenario.problem.max_acceleration
-    least = least_limits(scenario.initial, scenario.goal, scenario.problem)
+    least = minimum_limits(scenario.initial, scenario.goal, scenario.problem)
     most = int(least.argmax())
     fine = f"no max_acceleration; craft {most} needs the most, {least[most]:.4g} m/s²"
     wrong = "craft that any thrust is too little for"
@@ -88,14 +88,14 @@ def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
     }
     at = arrivals_of(scenario.initial, scenario.goal, problem, passed)
     reach, open_ = at.reach * at.asked[..., None], np.asarray(limits.burns.any(axis=2))
-    limit = least_limits_within(at.miss, reach, open_, problem)
+    limit = minimum_limits_at_nodes(at.miss, reach, open_, problem)
     norm = limit
     if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
-        norm = least_limits_within(at.miss, reach, open_, replace(problem, thrust=ALONG_AXES))
+        norm = minimum_limits_at_nodes(at.miss, reach, open_, replace(problem, thrust=ALONG_AXES))
     delta_v = np.zeros(scenario.n)
     for k in np.flatnonzero(np.isfinite(limits.delta_v) & np.isfinite(limit)):
         most = float(limits.component[k])
-        least = least_cost(at.miss[k], reach[k], open_[k], most, problem)
+        least = craft_fuel_bound(at.miss[k], reach[k], open_[k], most, problem)
         delta_v[k] = least * problem.time_step
     return [
         Need("max_acceleration", "m/s²", limit, limits.component),

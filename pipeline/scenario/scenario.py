@@ -9,8 +9,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_choice, check_each, check_kind, is_number
-from pipeline.orbit.approaches import SwarmPartition, side_by_side
-from pipeline.orbit.arrays import OfCraft
+from pipeline.orbit.approaches import SwarmPartition, swarm_partition
+from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
 from pipeline.orbit.problem import Problem
@@ -146,7 +146,7 @@ class Scenario:
                 yield end, int(there.craft[k]), int(there.corridor[k]), float(margin[k])
 
     @property
-    def radii(self) -> OfCraft:
+    def radii(self) -> PerCraft:
         """Radius of each craft, m: half the collision radius where it has none of its own."""
         given = [one.radius for one in self.craft] or [None] * self.n
         half = self.problem.collision_radius / 2
@@ -226,7 +226,7 @@ def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
 def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
     """Craft and obstacles of scenarios of one problem, side by side."""
     if not any(one.unlike for one in scenarios):
-        return side_by_side(tuple(one.n for one in scenarios))
+        return swarm_partition(tuple(one.n for one in scenarios))
     radii, obstacles = [one.radii for one in scenarios], [one.obstacles for one in scenarios]
     corridors = [one.corridors for one in scenarios]
     return Participants(scenarios[0].problem, radii, obstacles, corridors)

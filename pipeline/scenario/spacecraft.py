@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import RANGES, Problem
-from pipeline.orbit.thrust import Limits, Thrust, Windows, blocked, check_windows
+from pipeline.orbit.thrust import Limits, Thrust, Windows, blocked_intervals, check_windows
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,13 @@ def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
     component, norm = (np.full(n, np.inf if one is None else one) for one in both)
     delta_v = np.full(n, np.inf)
     grid = problem.time_step, problem.intervals
-    burns = np.tile(~blocked(thrust.no_burn, *grid)[:, None], (n, 1, 3))
+    burns = np.tile(~blocked_intervals(thrust.no_burn, *grid)[:, None], (n, 1, 3))
     for k, one in enumerate(craft):
         given = one.max_acceleration, one.max_acceleration_norm, one.delta_v
         for limit, value in zip((component, norm, delta_v), given, strict=True):
             if value is not None:
                 limit[k] = value
-        burns[k] &= ~blocked(one.no_burn, *grid)[:, None]
+        burns[k] &= ~blocked_intervals(one.no_burn, *grid)[:, None]
     return Limits(component, norm, delta_v, burns)
 
 

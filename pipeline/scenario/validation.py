@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from pipeline.errors import InputError, check_kind
-from pipeline.orbit.approaches import SwarmPartition, close_approaches, side_by_side
+from pipeline.orbit.approaches import SwarmPartition, close_approaches, swarm_partition
 from pipeline.orbit.arrays import AnyState, Formation
 from pipeline.orbit.dynamics import ModelError, model_error
 from pipeline.orbit.participants import Participants, at_the_end
@@ -107,7 +107,7 @@ def _most_drift(problem: Problem) -> float:
 def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
     """Craft and obstacles as they are at an end, for motion from there on."""
     if not scenario.sized:
-        return side_by_side((scenario.n,))
+        return swarm_partition((scenario.n,))
     obstacles = scenario.obstacles
     if end == "goal":
         obstacles = tuple(at_the_end(obstacles, scenario.problem))
@@ -129,9 +129,9 @@ def _smaller(scenario: Scenario) -> str:
 def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair is further apart than the collision radius at this end."""
     swarms = _beside(scenario, end, problem)
-    there, (i, j) = swarms.beside(states[:, None], slice(0, 1))[..., :3], swarms.pairs
+    there, (i, j) = swarms.all_states(states[:, None], slice(0, 1))[..., :3], swarms.pairs
     distance = np.linalg.norm(there[i, 0] - there[j, 0], axis=1)
-    apart = swarms.apart(there, there, i, j)
+    apart = swarms.separations(there, there, i, j)
     close = np.flatnonzero(apart <= problem.collision_radius)
     cases = [
         Case(

@@ -1,6 +1,6 @@
 """One swarm by itself, where the project judges several side by side."""
 
-from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.approaches import swarm_partition
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import Separation, least_separations
@@ -8,4 +8,4 @@ from pipeline.orbit.separation import Separation, least_separations
 
 def least_separation(states: States, controls: Controls, problem: Problem) -> Separation:
     """The least distance of any pair of one swarm at any time of a flown trajectory."""
-    return least_separations(states, controls, problem, side_by_side((len(states),)))[0]
+    return least_separations(states, controls, problem, swarm_partition((len(states),)))[0]

@@ -24,7 +24,7 @@ from pipeline.networks.refiner.geometry import Grid, per_step
 from pipeline.networks.refiner.shapes import Gains, PerSide
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
-from pipeline.orbit.decoupled import least_fuel
+from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.problem import Problem
 
 LARGEST_DUAL = 50.0  # Λ: fuel at which a plane is given up, r_col/Δt² a r_col; few cost over 2
@@ -88,7 +88,7 @@ def decoupled_optima(
 ) -> Decoupled:
     """The decoupled optima, by table; InputError where controls do not reach every state."""
     miss = goal - initial @ grid.drift[-6:].T  # (N, 6)
-    found = least_fuel(miss / per_step(problem), problem)
+    found = minimum_fuel(miss / per_step(problem), problem)
     if found is None:
         raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
     N, m = len(initial), grid.reach.shape[1]

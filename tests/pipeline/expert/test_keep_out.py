@@ -130,7 +130,7 @@ def test_the_ellipsoid_asked_for_holds_all_points_within_the_radius_of_a_craft()
         axes, radius = rng.uniform(1, 60, 3), rng.uniform(0.5, 30)
         obstacle = Obstacle("it", (0.0,) * 6, semi_axes=tuple(axes.tolist()))
         swarms = Participants(Problem(), [np.array([radius])], [(obstacle,)])
-        scale, beyond = swarms.asked(np.array([0]), np.array([1]))
+        scale, beyond = swarms.separation_scaling(np.array([0]), np.array([1]))
         least = float(np.asarray(beyond)[0]) + 15.0
         assert scale is not None and scale.max() == 1
         for way in rng.normal(size=(40, 3)):

@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve, solve_many
 from pipeline.expert.cuts import gaps, half_spaces, passive_safety_cuts
 from pipeline.expert.decoupled import decoupled_optima
-from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.approaches import swarm_partition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
@@ -136,7 +136,7 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
     states = fly(scenario.initial, own, PROBLEM)
     moved = np.ones(5, dtype=bool)
     found = loss_encounters(states, own, PROBLEM, 1.0, 30.0, moved=moved)
-    cuts = passive_safety_cuts(found, states, PROBLEM, side_by_side((len(states),)))
+    cuts = passive_safety_cuts(found, states, PROBLEM, swarm_partition((len(states),)))
     normal = rng.normal(size=(len(cuts), 3))
     planes = half_spaces(cuts, normal, scenario.initial, PROBLEM, 0.0)
     kinds = {(k == 0, i >= 10) for k, i in zip(found.node, found.interval, strict=True)}

@@ -15,7 +15,7 @@ from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
 from pipeline.expert.solvers import ROWWISE, _highs, by_simplex, new_highs, run
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
-from pipeline.orbit.approaches import side_by_side
+from pipeline.orbit.approaches import swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.plan import AT_ALL_TIMES
@@ -28,7 +28,7 @@ def subproblem(n, index, problem=None, penalty=0.1):
     scenario = draw("rings", 0, n, index, problem)
     own = decoupled_optima(scenario.initial, scenario.goal, problem)
     states = fly(scenario.initial, own.controls, problem)
-    detection = ConflictDetection(problem, AT_ALL_TIMES, side_by_side((n,)))
+    detection = ConflictDetection(problem, AT_ALL_TIMES, swarm_partition((n,)))
     cuts, _ = detection.conflicts(Trajectory(own.controls, states), 25.0)
     normal = normals(cuts, states, own.controls)
     planes = half_spaces(cuts, normal, scenario.initial, problem, 15.0)
@@ -135,7 +135,7 @@ def test_a_solution_is_as_far_apart_as_its_half_spaces_ask(solve):
     states = fly(scenario.initial, best.controls.reshape(12, -1, 3), problem)
     own = decoupled_optima(scenario.initial, scenario.goal, problem)
     flown = Trajectory(own.controls, fly(scenario.initial, own.controls, problem))
-    detection = ConflictDetection(problem, AT_ALL_TIMES, side_by_side((12,)))
+    detection = ConflictDetection(problem, AT_ALL_TIMES, swarm_partition((12,)))
     cuts, _ = detection.conflicts(flown, 25.0)
     reached = np.linalg.norm(gaps(cuts, states, best.controls.reshape(12, -1, 3)), axis=1)
     assert len(cuts) > 0

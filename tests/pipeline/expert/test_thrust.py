@@ -16,7 +16,7 @@ from pipeline.expert import mixed_integer, solve, solve_many
 from pipeline.expert.solvers import new_highs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust
-from pipeline.orbit.thrust_cost import cost, support, worth
+from pipeline.orbit.thrust_cost import conjugate_bound, cost, support_bound
 from pipeline.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.reach import REACHABLE
@@ -336,7 +336,7 @@ def test_the_worth_of_prices_is_above_what_any_control_within_limits_gains(model
             spent = np.linalg.norm(tried, axis=1)
         does = tried @ along[0].T
         assert (
-            worth(along, split, limits, thrust)[0]
+            conjugate_bound(along, split, limits, thrust)[0]
             >= np.maximum(does - spent[:, None], 0).max(axis=0).sum()
         )
-        assert support(along, split, limits, thrust)[0] >= does.max(axis=0).sum()
+        assert support_bound(along, split, limits, thrust)[0] >= does.max(axis=0).sum()

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from pipeline.flight.last_interval import LastInterval
 from pipeline.orbit.covariance import Uncertainty
-from pipeline.orbit.feedback import last_control
+from pipeline.orbit.feedback import last_control_map
 from pipeline.orbit.problem import Problem
 
 PROBLEM = Problem()
@@ -34,7 +34,7 @@ def case(sigmas=3.0, goal=GOAL, adrift=(False, False), known=0.03, uncertainty=N
         sigmas=sigmas,
         adrift=np.array([adrift]),
     )
-    nearest = (goal - begin @ A.T) @ last_control(PROBLEM).T
+    nearest = (goal - begin @ A.T) @ last_control_map(PROBLEM).T
     return last, np.where(np.array(adrift)[:, None], 0.0, nearest)[None]
 
 

@@ -10,7 +10,7 @@ from pipeline.orbit.chebyshev import (
     NODES,
     POINTS,
     basis,
-    most_derivative,
+    derivative_bound,
 )
 
 AT = np.linspace(-1, 1, 400)
@@ -44,8 +44,8 @@ def test_derivatives_are_bounded(order):
     half = 30.0
     for one in polynomials(2):
         attained = np.abs(one.deriv(order)(AT)).max() / half**order
-        (bound,) = most_derivative(one(NODES)[:, None], order, half)
+        (bound,) = derivative_bound(one(NODES)[:, None], order, half)
         assert attained * (1 - 1e-12) <= bound < 5 * attained
     same = np.polynomial.Chebyshev(np.ones(POINTS))
-    (bound,) = most_derivative(same(NODES)[:, None], order, half)
+    (bound,) = derivative_bound(same(NODES)[:, None], order, half)
     assert bound == pytest.approx(same.deriv(order)(1.0) / half**order, rel=1e-10)

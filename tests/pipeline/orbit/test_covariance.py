@@ -59,7 +59,7 @@ def test_no_deviation_within_an_interval_is_above_its_bound():
     problem, rng = Problem(time_step=600.0, nodes=5), np.random.default_rng(1)
     controls = 1e-3 * rng.normal(size=(3, 4, 3))
     spread = dispersion(controls, problem, Uncertainty(0.2, 3e-4, 0.05, 0.01))
-    most = spread.most_deviation(problem)
+    most = spread.deviation_bound(problem)
     within = np.zeros_like(most)
     craft, interval = (one.ravel() for one in np.indices(most.shape))
     for offset in np.linspace(0, 600, 41):

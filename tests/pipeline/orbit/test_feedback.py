@@ -38,7 +38,7 @@ def test_what_is_left_of_corrected_errors_may_underflow():
     with np.errstate(all="raise"):
         problem = replace(PROBLEM, nodes=60, time_step=600.0)
         flown = dispersion(np.zeros((2, 59, 3)), problem, Uncertainty(0.05, 5e-4), closed_loop=True)
-        assert np.all(flown.most_deviation(problem) > 0)
+        assert np.all(flown.deviation_bound(problem) > 0)
 
 
 def test_a_deviation_is_gone_after_two_intervals_where_these_are_left():
@@ -72,7 +72,7 @@ def test_covariances_are_those_of_trials(flown):
     for craft, interval in ((0, 1), (1, 9)):
         seen = np.cov(asked[:, craft, interval].T)
         scale = np.sqrt(np.outer(np.diag(seen), np.diag(seen)))
-        found = spread.commanded[craft, interval]
+        found = spread.correction_covariance[craft, interval]
         assert found / scale == pytest.approx(seen / scale, abs=5 / TRIALS**0.5)
 
 
@@ -155,4 +155,4 @@ def test_without_errors_nothing_is_corrected():
     controls = np.full((2, 10, 3), 1e-3)
     spread = dispersion(controls, PROBLEM, Uncertainty(), closed_loop=True)
     assert not spread.state.any()
-    assert not spread.commanded.any()
+    assert not spread.correction_covariance.any()

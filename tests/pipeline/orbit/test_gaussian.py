@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from pipeline.orbit.risk import falls_below, likeliest_direction
+from pipeline.orbit.risk import crossing_probability, likeliest_direction
 
 
 def below(mean, deviation, step, correlation, step_deviation):
     given = mean, deviation**2, step, correlation * deviation * step_deviation, step_deviation**2
-    return float(falls_below(*(np.array([one], dtype=float) for one in given))[0])
+    return float(crossing_probability(*(np.array([one], dtype=float) for one in given))[0])
 
 
 def test_the_probability_of_falling_below_zero_is_that_of_the_bivariate_normal_distribution():

@@ -246,11 +246,11 @@ def test_bounds_on_derivatives_hold_and_are_of_use(e):
         interval = np.full(40, k)
         free, pushed = dynamics.step(0.4 * step, k)
         later = start @ free.T + push @ pushed.T
-        fourth = dynamics.most_fourth_derivative(start, push, interval)
+        fourth = dynamics.fourth_derivative_bound(start, push, interval)
         since = np.full(40, 0.4 * step)
-        same = dynamics.most_fourth_derivative(later, push, interval, since)
+        same = dynamics.fourth_derivative_bound(later, push, interval, since)
         np.testing.assert_allclose(same, fourth, rtol=1e-9)
-        bounds = dynamics.most_acceleration(start, push, step, interval), fourth
+        bounds = dynamics.acceleration_bound(start, push, step, interval), fourth
         for order, bound in zip((1, 3), bounds, strict=True):
             slope = chebyshev.chebder(fits, order, 1 / half)
             found = chebyshev.chebval(np.linspace(-1, 1, 9), slope).reshape(parts, 40, 3, 9)

@@ -9,7 +9,7 @@ from pipeline.flight.effects import fly_controls
 from pipeline.flight.world import LinearWorld, NonlinearWorld
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.chebyshev import NODES
-from pipeline.orbit.nearest import nearer, nearest
+from pipeline.orbit.nearest import nearest, smaller_separation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -103,7 +103,7 @@ def test_the_nearer_of_two_arcs_is_chosen_by_trial():
     initial, controls = swarm(0)
     arcs = [WORLD.arc(initial, controls[:, k], k) for k in (0, 4)]
     early, late = (nearest(np.stack(order), 0.0, 120.0) for order in (arcs, arcs[::-1]))
-    both = nearer(early, late)
+    both = smaller_separation(early, late)
     np.testing.assert_array_equal(both.distance, np.full(2, both.distance.min()))
     np.testing.assert_array_equal(both.first, np.full(2, both.first[0]))
     assert both.distance.min() == min(early.distance)

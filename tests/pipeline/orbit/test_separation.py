@@ -12,7 +12,7 @@ from one_swarm import least_separation
 from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 
-from pipeline.orbit.approaches import TOLERANCE, close_approaches, side_by_side
+from pipeline.orbit.approaches import TOLERANCE, close_approaches, swarm_partition
 from pipeline.orbit.bezier import equal_parts
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
@@ -207,7 +207,7 @@ def test_swarms_side_by_side_are_as_each_alone(sizes):
         controls = rng.normal(scale=2e-4, size=(n, 4, 3))
         parts.append((fly(start, controls, problem), controls))
     states, controls = (np.concatenate(both) for both in zip(*parts, strict=True))
-    swarms = side_by_side(sizes)
+    swarms = swarm_partition(sizes)
     together = least_separations(states, controls, problem, swarms)
     assert together == [least_separation(*part, problem) for part in parts]
     assert list(swarm_node_collisions(states, 15.0, swarms)) == [

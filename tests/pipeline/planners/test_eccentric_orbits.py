@@ -10,8 +10,8 @@ from trials import Errors, drawn, wilson
 
 from pipeline.expert import solve
 from pipeline.flight.world import NonlinearWorld
-from pipeline.orbit.approaches import pairs, side_by_side
-from pipeline.orbit.infeasibility import unavoidable
+from pipeline.orbit.approaches import pairs, swarm_partition
+from pipeline.orbit.infeasibility import unavoidable_encounter
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
@@ -91,7 +91,7 @@ def test_after_a_loss_of_thrust_craft_stay_apart(e):
     assert plan.status == SOLVED
     claim = plan.certificate.passive_safety
     (found,) = least_after_loss(
-        plan.states, plan.controls, problem, 0.5, side_by_side((scenario.n,))
+        plan.states, plan.controls, problem, 0.5, swarm_partition((scenario.n,))
     )
     look, length = problem.time_step / PARTS, np.pi / problem.mean_motion
     count, flying = int(length / look), problem.intervals * PARTS
@@ -120,7 +120,7 @@ def test_where_no_plan_is_passively_safe_the_encounter_that_is_named_happens():
     scenario, problem = ring(1, 0.5), about(0.5)
     plan = solve(scenario, requirements=Requirements(passive_safety=0.5))
     assert plan.status == INFEASIBLE
-    found = unavoidable(scenario.initial, scenario.goal, problem, 0.5)
+    found = unavoidable_encounter(scenario.initial, scenario.goal, problem, 0.5)
     assert f"within {found.distance:g} m" in plan.message
     assert (found.node, problem.duration < found.time) == (0, True)
     begin = problem.orbit.states(np.zeros(1))[0]

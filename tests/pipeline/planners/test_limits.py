@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.orbit.decoupled import least_limits
+from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan import INFEASIBLE, SOLVED
@@ -21,7 +21,7 @@ def test_planners_agree_on_what_a_thrust_limit_allows(limit):
     for _ in range(5):
         controls = rng.uniform(-1, 1, size=(2, problem.intervals, 3))
         goal = fly(initial, controls, problem)[:, -1] - initial
-        controls /= least_limits(initial, initial + goal, problem).max()
+        controls /= minimum_limits(initial, initial + goal, problem).max()
         scenarios = [
             Scenario(problem, initial, fly(initial, share * limit * controls, problem)[:, -1])
             for share in (0.9, 1.1)

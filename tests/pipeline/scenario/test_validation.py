@@ -9,7 +9,7 @@ from judge import exact_step
 from scipy.integrate import solve_ivp
 
 from pipeline.expert import decoupled_optima
-from pipeline.orbit.decoupled import least_limits
+from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario, diagnostics, draw
@@ -107,7 +107,7 @@ def test_the_least_thrust_limit_is_that_of_cvxpy(nodes):
         arrive = [cp.multiply(weight, state) == weight * end]
         scaled = cp.Problem(cp.Minimize(1e4 * cp.norm_inf(cp.vec(u, order="C"))), arrive)
         least.append(scaled.solve(solver=cp.CLARABEL) / 1e4)
-    assert least_limits(drawn.initial, drawn.goal, problem) == pytest.approx(least, rel=1e-4)
+    assert minimum_limits(drawn.initial, drawn.goal, problem) == pytest.approx(least, rel=1e-4)
 
 
 def test_the_expert_flies_within_the_limit_that_is_asked_for_and_proves_that_less_is_too_little():
@@ -127,7 +127,7 @@ def test_a_craft_that_stays_on_its_orbit_needs_no_thrust():
     problem = Problem()
     start = pro_states(200.0, 0.3, np.array([0.1]), 0.0, E)
     end = pro_states(200.0, 0.3, np.array([0.1 + E * problem.duration]), 0.0, E)
-    assert least_limits(start, end, problem) == pytest.approx(0, abs=1e-15)
+    assert minimum_limits(start, end, problem) == pytest.approx(0, abs=1e-15)
 
 
 def test_a_time_grid_on_which_no_thrust_arrives_is_said_to_be_one():

@@ -11,7 +11,7 @@ from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
-from pipeline.orbit.thrust_cost import cost, polar, support, thrusts, worth
+from pipeline.orbit.thrust_cost import conjugate_bound, cost, dual_norm, support_bound, thrusts
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario.arrivals import Arrivals
 
@@ -38,16 +38,16 @@ def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicPr
     largest = np.abs(np.matvec(transfer_maps(problem).to_goal, at.miss[:, :6])).max()
     sub = Subproblem(
         *(at.reach, at.miss, none, none, np.zeros((0, m)), np.zeros(0), np.inf, 0.0),
-        asked=at.asked,
+        constrained=at.asked,
         unit=float(largest if largest > problem.negligible_fuel else problem.evasive_control),
         thrust=replace(problem.thrust, objective="total"),
-        limits=of_program(limits, budget=False),
+        limits=program_limits(limits, budget=False),
         time_step=problem.time_step,
     )
     return ConicProgram(sub)
 
 
-def of_program(limits: Limits, *, budget: bool = True) -> Limits:
+def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
     """The limits that programs are given, so that rounding stays within them."""
     component, norm, delta_v = (
         LIMIT_SHARE * one for one in (limits.component, limits.norm, limits.delta_v)
@@ -55,7 +55,9 @@ def of_program(limits: Limits, *, budget: bool = True) -> Limits:
     return Limits(component, norm, delta_v if budget else np.inf * delta_v, limits.burns)
 
 
-def least_of(at: Arrivals, limits: Limits, problem: Problem) -> tuple[Controls | None, Duals]:
+def minimum_fuel_by_cones(
+    at: Arrivals, limits: Limits, problem: Problem
+) -> tuple[Controls | None, Duals]:
     """Controls of least fuel of all craft in one program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
     for careful in (False, True):
@@ -80,14 +82,14 @@ def dual_bounds(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) ->
     """
     y = duals.goal
     along, value = _along(y, at), np.vecdot(at.miss, y)
-    most = np.where(limits.burns.any(axis=2), polar(along, problem.thrust), 0.0).max(axis=1)
+    most = np.where(limits.burns.any(axis=2), dual_norm(along, problem.thrust), 0.0).max(axis=1)
     bound = value / np.maximum(1.0, most)
     with np.errstate(invalid="ignore"):
-        bound = np.fmax(bound, value - worth(along, duals.split, limits, problem.thrust))
+        bound = np.fmax(bound, value - conjugate_bound(along, duals.split, limits, problem.thrust))
     return np.fmax(bound, 0.0)
 
 
-def impossible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> bool:
+def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> bool:
     """Whether it is proven that the controls of one craft bring it nowhere where it must be.
 
     They do at most their support along y (Farkas' lemma), and, for the largest limit that a problem
@@ -95,7 +97,7 @@ def impossible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> 
     """
     y = duals.goal
     if np.isfinite(y).all():
-        most = support(_along(y, at), duals.split, limits, problem.thrust)[0]
+        most = support_bound(_along(y, at), duals.split, limits, problem.thrust)[0]
         if at.miss[0] @ y[0] > most * (1 + FARKAS_MARGIN):
             return True
     asked, columns = at.asked[0], limits.burns[0].ravel()
@@ -112,7 +114,7 @@ def _along(y: Float[Array, "n r"], at: Arrivals) -> Float[Array, "n intervals 3"
     return (y @ at.reach).reshape(len(y), -1, 3)
 
 
-def settled(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) -> Controls:
+def polished(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) -> Controls:
     """The controls without what is rounding in them, which lead exactly where craft must be.
 
     By the least change of the burns that are left; where those cannot, of all that may be.
