@@ -1,20 +1,20 @@
-"""Bases of the programs of large clusters, from one round to the next."""
+"""Simplex bases of the programs of large clusters, kept from one round to the next."""
 
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.subproblem import Basis, Optimum
 
-# Craft of a cluster from which on a program begins with the basis of the last one, and may be
+# Craft of a cluster from which on a program starts from the basis of the last one, and may be
 # solved in parts. In smaller clusters that saves nothing, since programs are linearized anew, and
-# of several optima might find another.
+# might lead to another of several optima.
 VAST = 1000
 
 
 class Bases:
-    """Basis of the last program of each large cluster; at first decoupled optima and no half-space.
+    """Basis of the last program of each large cluster; at first that of decoupled optima.
 
-    Clusters only grow together, and bases side by side are one of the program of both.
+    Clusters only merge, and bases of two clusters together are a basis of the merged program.
     """
 
     def __init__(self, decoupled: Int[Array, "n 6"] | None, m: int) -> None:
@@ -23,12 +23,12 @@ class Bases:
         self._slack, self._row = np.zeros((2, 0), dtype=bool)
 
     def grow(self, cuts: int) -> None:
-        """Have half-spaces of new cuts, which are met."""
+        """Add half-spaces of new cuts, whose rows are basic."""
         more = np.zeros(cuts - len(self._row), dtype=bool)
         self._slack, self._row = np.append(self._slack, more), np.append(self._row, ~more)
 
     def last(self, craft: Int[Array, "_"], cuts: Int[Array, "_"]) -> Basis | None:
-        """That of a cluster; None where it is not large, or no basis is known."""
+        """The last basis of a cluster; None where it is not large, or none is known."""
         if self._decoupled is None or len(craft) < VAST:
             return None
         if self._controls is None:
@@ -36,7 +36,7 @@ class Bases:
         return Basis(self._controls[craft], self._slack[cuts], self._row[cuts])
 
     def keep(self, craft: Int[Array, "_"], cuts: Int[Array, "_"], found: Optimum) -> None:
-        """Keep the basis of a large cluster's optimum, or begin anew where it has none."""
+        """Keep the basis of a large cluster's optimum, or reset it where there is none."""
         if self._decoupled is None or self._controls is None or len(craft) < VAST:
             return
         basis = found.basis

@@ -49,22 +49,22 @@ class Batch:
         self.unit = np.maximum.reduceat(control_units(self.miss, self.problem), starts)
         ends = [*starts[1:].tolist(), None]
         self.craft = [slice(*both) for both in zip(starts.tolist(), ends, strict=True)]
-        # What the thrusters of each craft can do; None where max_acceleration is all of it.
+        # Limits of each craft; None where max_acceleration is the only one.
         self.limits = _limits(scenarios) if limits is None else limits
-        # Where each craft must be, and a lower bound that holds for every choice of open times.
+        # Required states of each craft, and a fuel bound for every choice of open waypoint times.
         self.arrivals, self.open_bound = arrivals, np.full(len(self.initial), np.inf)
         if self.limits is not None and arrivals is None:
             self.arrivals, self.open_bound = self._arrivals(self.limits)
 
     @cached_property
     def optima(self) -> DecoupledOptima:
-        """Decoupled optimum of every craft."""
+        """The decoupled optima of all craft."""
         ends = self.initial, self.goal, self.problem
         optima = decoupled_optima(*ends, self.limits, self.arrivals)
         return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
 
     def _arrivals(self, limits: Limits) -> tuple[Arrivals, Float[Array, "n"]]:
-        """Goals and waypoints, at the nodes where they cost least, and a bound over all others."""
+        """Goals and waypoints at the cheapest nodes, and a fuel bound over all choices."""
         waypoints = [
             replace(one, craft=one.craft + start)
             for scenario, start in zip(self.scenarios, self.swarms.starts.tolist(), strict=True)
@@ -74,7 +74,7 @@ class Batch:
 
     @cached_property
     def weight(self) -> Float[Array, "n"] | None:
-        """Weight of each craft's fuel in its scenario's largest share; None where all counts."""
+        """Weight of each craft's fuel in the largest share; None where total fuel is minimized."""
         if self.problem.thrust.objective == "total":
             return None
         assert self.limits is not None
@@ -83,19 +83,19 @@ class Batch:
         return np.repeat(mean, self.swarms.sizes) / left
 
     def objective(self, controls: Controls, craft: Indices | slice) -> float:
-        """What is to be least, m/s², of some craft with such controls."""
+        """The objective, m/s², of some craft with their controls."""
         if self.limits is None:
             return float(np.abs(controls).sum())
         return self.objective_of(cost(controls, self.problem.thrust).sum(axis=1), craft)
 
     def objective_of(self, used: Values, craft: Indices | slice) -> float:
-        """What is to be least, m/s², of some craft that burn so much each."""
+        """The objective, m/s², of some craft with their fuels."""
         if self.weight is None:
             return float(used.sum())
         return float((self.weight[craft] * used).max() + FUEL_SHARE * used.sum())
 
     def least_share(self, craft: slice) -> float:
-        """Lower bound on the largest share of its Δv that one of some craft burns; 0 without."""
+        """Lower bound on the largest share of its Δv that any of some craft burns, or 0."""
         if self.weight is None or self.limits is None:
             return 0.0
         return self.optima.least_share(self.limits, self.problem.time_step, craft)
@@ -107,11 +107,11 @@ class Batch:
 
     @property
     def unlike(self) -> bool:
-        """Whether sizes of participants differ from the collision radius."""
+        """Whether craft have sizes of their own, or there are obstacles or corridors."""
         return isinstance(self.swarms, Participants)
 
     def part(self, which: Sequence[int]) -> "Batch":
-        """Some of the scenarios; their decoupled optima are not computed again."""
+        """A batch of some of the scenarios, with the decoupled optima already computed."""
         craft = np.isin(self.swarms.label, which)
         limits = None if self.limits is None else self.limits[craft]
         arrivals = None if self.arrivals is None else self.arrivals[craft]
@@ -120,11 +120,11 @@ class Batch:
         return part
 
     def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:
-        """Rows of all craft, by scenario."""
+        """Split rows of all craft by scenario."""
         return [rows[craft] for craft in self.craft]
 
     def infeasible(self) -> list[str]:
-        """Why it is proven that each scenario has no plan; nothing where that is not known.
+        """For each scenario, the reason why it provably has no plan, or an empty string.
 
         A craft on its own cannot make its transfer, or a pair is within the collision radius at
         one of its ends, where no control can move it.

@@ -12,14 +12,14 @@ from pipeline.expert.cuts import Cuts, HalfSpaces
 from pipeline.orbit.arrays import Controls, CraftMask, Indices
 
 HOPS = 2  # edges of the conflict graph from an unsafe craft to the furthest one that moves
-MOST = 0.5  # share of a cluster's craft up to which only these are solved for
+MOST = 0.5  # largest share of a cluster's craft that is solved for alone
 
 
 def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
     """Label of each connected component of the conflict graph: its lowest index.
 
-    Labels are handed on along cuts until none changes; for graphs this small that takes a tenth
-    of the time of a general routine, which would take as long as the program it prepares.
+    Labels propagate along cuts until none changes; for graphs this small that takes a tenth of the
+    time of a general routine, which would take as long as the program itself.
     """
     labels = np.arange(n)
     while True:
@@ -62,8 +62,8 @@ def with_others_fixed(
 ) -> tuple[Indices, Indices, HalfSpaces]:
     """Half-spaces of some craft, with the controls of all others, m/s², moved to their right side.
 
-    Of each half-space at least one craft is among those. Its first and second craft, as indices
-    among them, come first; where one of the two is fixed, both are the other one.
+    At least one craft of each half-space is among them. Returns its first and second craft, as
+    indices among them, equal where the other is fixed, and the half-spaces.
     """
     place = np.full(len(controls), -1)
     place[craft] = np.arange(len(craft))

@@ -1,7 +1,7 @@
 """Conflict detection: where craft come closer than a plan's requirements allow.
 
-In flight, after a loss of thrust where passive safety is required, and with a back-off where
-craft err (a chance constraint).
+In flight, after a loss of thrust where passive safety is required, and with a back-off for errors
+(a chance constraint).
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from pipeline.plan import Requirements
 
 Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
 
-ENDS = 2 * PROVABLE  # left beyond what is asked for at the ends, which no control can move, m
+ENDS = 2 * PROVABLE  # slack of back-offs at the ends, which no control can change, m
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class Trajectory(Rows):
 class BackOff:
     """Back-off of the chance constraints: standard deviations kept beyond the collision radius.
 
-    No pair is asked for more of them than its own ends have: at the start throughout the first
-    interval, at the goal throughout the last.
+    A pair need not keep more of them than it has at its ends: in the first interval than at the
+    start, in the last than at the goal.
     """
 
     uncertainty: Uncertainty  # 1-σ errors of navigation and of thrust execution
@@ -56,7 +56,7 @@ class BackOff:
     closed_loop: bool = False  # whether deviations are corrected at each node
 
     def dispersion(self, controls: Controls, problem: Problem) -> Dispersion:
-        """How far craft that fly some controls, m/s², come off their plan."""
+        """Dispersion about the plan of craft that fly some controls, m/s²."""
         return dispersion(controls, problem, self.uncertainty, self.closed_loop)
 
 
@@ -67,10 +67,7 @@ def back_off_shortfall(
     back_off: BackOff,
     swarms: SwarmPartition,
 ) -> Float[Array, "S"]:
-    """How much nearer than the collision radius and a back-off any pair of each swarm comes, m.
-
-    0 where all are beyond.
-    """
+    """Largest violation, m, of collision radius and back-off by a pair of each swarm, or 0."""
     radius = problem.collision_radius
     detection = ConflictDetection(problem, requirements, swarms, back_off=back_off)
     cuts, bound = detection.conflicts(flown, radius)
@@ -82,15 +79,14 @@ def back_off_shortfall(
 
 @dataclass(frozen=True, eq=False)
 class ConflictDetection:
-    """Conflict detection by a plan's requirements, with a margin and perhaps a back-off."""
+    """Conflict detection by a plan's requirements, with a margin and an optional back-off."""
 
     problem: Problem
-    # say whether all times are looked at or the nodes only, and whether craft that have lost their
-    # thrust are
+    # whether separation counts at all times or at nodes, and whether after a loss of thrust
     requirements: Requirements
     swarms: SwarmPartition  # which craft belong together
     margin: float = 0.0  # asked for beyond the collision radius, m
-    back_off: BackOff | None = None  # asked for besides, because craft err
+    back_off: BackOff | None = None  # required besides, because of errors
 
     def conflicts(
         self, flown: Trajectory, within: float, moved: CraftMask | None = None, beside: float = 0.0
@@ -98,9 +94,9 @@ class ConflictDetection:
         """Cuts where craft come within a distance, and lower bounds on how close they come.
 
         The trajectory meets both ends. The distance of interest is ``within`` and the back-off, m,
-        and the lower bound that on the separation less the back-off. Only pairs with craft that
-        ``moved`` are looked at. Closest approaches move: cuts are also made so long ``beside``
-        each, as a share of the interval, before and after it; not at nodes only.
+        and the lower bound that on the separation less the back-off. Only pairs with ``moved``
+        craft are examined. As closest approaches shift, cuts are also made ``beside`` each, a share
+        of the interval before and after it, but not where separation counts at nodes only.
         """
         if moved is None:
             moved = np.ones(len(flown.states), dtype=bool)
@@ -132,9 +128,9 @@ class ConflictDetection:
         return cuts + drifting, np.concatenate([bound, found.bound])
 
     def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
-        """Back-off of each cut for a trajectory's burns, m; a passive-safety cut asks for none.
+        """Back-off of each cut for a trajectory's burns, m; passive-safety cuts have none.
 
-        Or what is asked for because sizes differ, with which there are no errors.
+        Without errors, the additional separation by the sizes of participants, if any.
         """
         if self.back_off is None:
             return 0.0 if cuts.beyond is None else cuts.beyond

@@ -1,13 +1,13 @@
-"""The subproblem as a second-order cone program: thrust that is more than axes with one limit.
+"""The subproblem as a second-order cone program, for all thruster models and limits.
 
-Every control that may be, of a craft in an interval in which it may burn, is u = E z:
+Every control of a craft in an interval in which it may burn is u = E z:
 
 - thrusters of given directions, the columns of E: z ≥ 0 are their thrusts, and cost their sum; each
-  at most the limit, and ‖E z‖₂ at most the limit on the norm;
-- one thruster that is pointed: z is u and t ≥ ‖u‖₂, and costs t; |u| and t at most the limits.
+  is at most the limit, and ‖E z‖₂ at most the limit on the norm;
+- one thruster that is pointed: z is u and t ≥ ‖u‖₂, and costs t; |u| and t are at most the limits.
 
-Controls that may not be are no variables. Besides the rows of ``subproblem``, a craft may spend no
-more than it has left. Where the largest share of that is to be least, it is a variable, above the
+Other controls are no variables. Besides the rows of ``subproblem``, the Δv of a craft is limited to
+what it has left. Where the largest share of that is minimized, it is a variable that bounds the
 share of each craft.
 """
 
@@ -30,9 +30,9 @@ from pipeline.expert.subproblem import (
 from pipeline.orbit.arrays import Values
 from pipeline.orbit.thrust import COMPONENTS, Limits
 
-# What Clarabel calls an optimum, and a program that has none
+# Clarabel's statuses of a solution, and of an infeasible program
 OPTIMAL, IMPOSSIBLE = ("Solved", "AlmostSolved"), "PrimalInfeasible"
-FUEL_SHARE = 1e-4  # of the fuel of all that counts beside the largest share, so that one is best
+FUEL_SHARE = 1e-4  # weight of total fuel beside the largest share, which makes optima unique
 TOLERANCE = 1e-9  # relative: what rounding leaves in a cone is far below the smallest burn
 
 # Row, column and value of entries of A, and the values of b in these rows
@@ -42,13 +42,13 @@ Block = tuple[Parts, Float[Array, "_"]]
 
 @dataclass(frozen=True, eq=False)
 class ConicProgram:
-    """One subproblem with thrust of any kind, in scaled variables."""
+    """The cone program of one subproblem, in scaled variables."""
 
     sub: Subproblem
 
     @cached_property
     def limits(self) -> Limits:
-        """What each craft can do; where the subproblem has one limit, along the axes, that."""
+        """Limits of each craft; made from the subproblem's single limit where it has none."""
         if self.sub.limits is not None:
             return self.sub.limits
         n, m, _ = self.sub.shape
@@ -57,13 +57,13 @@ class ConicProgram:
 
     @cached_property
     def slots(self) -> tuple[Int[Array, "S"], Int[Array, "S"]]:
-        """Craft and interval of every control that may be."""
+        """Craft and interval of every control that is a variable."""
         craft, interval = np.nonzero(self.limits.burns.any(axis=2))
         return craft, interval
 
     @cached_property
     def kept(self) -> Int[Array, "v"]:
-        """Numbers of the variables that may be other than zero."""
+        """Indices of the variables that may be nonzero."""
         S, V = len(self.slots[0]), len(self.price)
         may = np.ones((S, V), dtype=bool)
         if self.sub.thrust.model == COMPONENTS:
@@ -73,7 +73,7 @@ class ConicProgram:
 
     @cached_property
     def effect(self) -> Float[Array, "3 V"]:
-        """E, from the variables of a control to it."""
+        """The matrix E from the variables of a control to the control."""
         directions = self.sub.thrust.directions
         if directions is None:
             return np.hstack([np.eye(3), np.zeros((3, 1))])
@@ -81,22 +81,22 @@ class ConicProgram:
 
     @cached_property
     def price(self) -> Float[Array, "V"]:
-        """What each variable of a control costs."""
+        """Cost of each variable of a control."""
         return np.array([0.0, 0.0, 0.0, 1.0]) if self.pointed else np.ones(self.effect.shape[1])
 
     @property
     def pointed(self) -> bool:
-        """Whether there is one thruster, which is pointed."""
+        """Whether there is a single thruster that is pointed."""
         return self.sub.thrust.directions is None
 
     @property
     def fair(self) -> bool:
-        """Whether the largest share is least, and not the fuel of all."""
+        """Whether the largest share is minimized, and not total fuel."""
         return self.sub.thrust.objective == "fair" and self.sub.weight is not None
 
     @property
     def variables(self) -> int:
-        """Number of variables: those of controls, slacks, and perhaps the largest share."""
+        """Number of variables: of controls, slacks, and in fair programs the largest share."""
         return len(self.slots[0]) * len(self.price) + len(self.sub.required) + self.fair
 
     def cost(self) -> Float[Array, "v"]:
@@ -108,12 +108,12 @@ class ConicProgram:
         return np.concatenate([spent, slack])
 
     def _by_slot(self, value: Float[Array, "r S V"], row: Int[Array, "r S"]) -> Parts:
-        """Entries in the rows given of the variables of every control; zeros are left out."""
+        """Nonzero entries of all controls' variables in given rows."""
         r, s, v = np.nonzero(np.abs(value) > NEGLIGIBLE)
         return row[r, s], s * value.shape[2] + v, value[r, s, v]
 
     def goals(self) -> Block:
-        """Every craft meets its goal, and passes its waypoints."""
+        """Equality rows: every craft reaches its goal and passes its waypoints."""
         sub, (craft, interval) = self.sub, self.slots
         (_, m, _), r = sub.shape, len(sub.reach)
         scale = sub.goal_scale * sub.unit
@@ -127,7 +127,7 @@ class ConicProgram:
         return (number[row[there]], column[there], value[there]), wanted[constrained]
 
     def half_spaces(self) -> Block:
-        """Pairs apart, as rows that are at most b."""
+        """Half-space rows, which are at most b, with slacks."""
         sub, (craft, interval) = self.sub, self.slots
         _, m, k = sub.shape
         other = sub.row if sub.other is None else sub.other
@@ -142,7 +142,7 @@ class ConicProgram:
         return _joined(controls, slack), -sub.required / LENGTH
 
     def spending(self) -> Block:
-        """No craft spends more than it has left, nor, where that is asked for, a larger share."""
+        """Rows that limit each craft's Δv and, in fair programs, its share by the largest."""
         sub, (craft, _) = self.sub, self.slots
         left = self.limits.delta_v / (sub.time_step * sub.unit)
         some, n = np.isfinite(left), len(sub.miss)
@@ -157,7 +157,7 @@ class ConicProgram:
         return _joined(spent, shares, largest), np.concatenate([left[some], np.zeros(n)])
 
     def bounds(self) -> Block:
-        """Signs of thrusts and slacks, and limits of components or thrusters."""
+        """Bound rows: signs of thrusts and slacks, and limits of components or thrusters."""
         sub, (craft, _) = self.sub, self.slots
         S, V, k = len(craft), len(self.price), len(sub.required)
         most = np.repeat(self.limits.component[craft] / sub.unit, V).reshape(S, V)
@@ -176,7 +176,7 @@ class ConicProgram:
         return (np.arange(len(column)), column, sign), b
 
     def cones(self) -> Block:
-        """(t, u) in the second-order cone, by rows of four."""
+        """Rows in groups of four that put (t, u) in second-order cones."""
         sub, (craft, _) = self.sub, self.slots
         S, V = len(craft), len(self.price)
         if self.pointed:
@@ -193,7 +193,7 @@ class ConicProgram:
         return self._by_slot(value, row), b.ravel()
 
     def solver(self, *, careful: bool) -> clarabel.DefaultSolver:
-        """Clarabel with A x + s = b: goals, bounds, spending, half-spaces, cones."""
+        """Clarabel's solver for A x + s = b: goals, bounds, spending, half-spaces, cones."""
         from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
         blocks = [self.goals(), self.bounds(), self.spending(), self.half_spaces(), self.cones()]
@@ -207,7 +207,7 @@ class ConicProgram:
         return clarabel.DefaultSolver(quadratic, cost, A, wanted, cones, settings)
 
     def solved(self, x: Values) -> Float[Array, "v"]:
-        """All variables, from those that may be other than zero."""
+        """All variables, from those that may be nonzero."""
         found = np.zeros(self.variables)
         found[self.kept] = x
         return found
@@ -223,7 +223,7 @@ class ConicProgram:
         return controls.reshape(n, m)
 
     def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
-        """The part of what each control does along the goals' duals that its cone pays for."""
+        """The dual variables of each control's cone: the split w of ``conjugate_bound``."""
         sub, (craft, interval) = self.sub, self.slots
         some = np.full(len(craft), self.pointed) | np.isfinite(self.limits.norm[craft])
         found = np.zeros((len(sub.miss), sub.reach.shape[1] // 3, 3))
@@ -234,13 +234,13 @@ class ConicProgram:
 def clarabel_settings(*, careful: bool) -> clarabel.DefaultSettings:
     """Clarabel's solver settings: tolerances, and a single thread, since solvers run in parallel.
 
-    A careful solver has equilibration and iterative refinement, which these well-scaled programs
-    hardly ever need and which take half of the time.
+    A careful solver uses equilibration and iterative refinement, which these well-scaled programs
+    rarely need and which take half of the time.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.presolve_enable = False  # which only drops rows without a bound, and there is none
+    settings.presolve_enable = False  # which only drops rows without bounds; there are none
     settings.equilibrate_enable = settings.iterative_refinement_enable = careful
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
     return settings
@@ -249,7 +249,7 @@ def clarabel_settings(*, careful: bool) -> clarabel.DefaultSettings:
 def stacked(
     blocks: Sequence[Block], width: int, kept: Int[Array, "v"]
 ) -> tuple[Any, Float[Array, "_"]]:
-    """Blocks of so many variables one above the other, of which some are kept; A, sparse, and b."""
+    """Stack blocks of ``width`` variables, of which some are kept, to a sparse A and b."""
     from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
     tops = np.cumsum([0, *(len(b) for _, b in blocks)])
@@ -260,7 +260,7 @@ def stacked(
         number[kept] = np.arange(len(kept))
         there = number[column] >= 0
         row, column, value = row[there], number[column[there]], value[there]
-    # The entries are all different: in less time than by way of COO.
+    # Entries are unique, so this is faster than by way of COO.
     shape = int(tops[-1]), len(kept)
     order = np.argsort(column * shape[0] + row)
     starts = np.searchsorted(column[order], np.arange(shape[1] + 1))
@@ -269,13 +269,13 @@ def stacked(
 
 
 def _joined(*parts: Parts) -> Parts:
-    """All entries."""
+    """Concatenate the entries."""
     row, column, value = zip(*parts, strict=True)
     return np.concatenate(row), np.concatenate(column), np.concatenate(value)
 
 
 def by_cones(sub: Subproblem) -> Optimum:
-    """The optimum of a subproblem with thrust of any kind; UnsolvableError where there is none."""
+    """Solve a subproblem as a cone program; UnsolvableError where no optimum is found."""
     program = ConicProgram(sub)
     for careful in (False, True):
         found = program.solver(careful=careful).solve()

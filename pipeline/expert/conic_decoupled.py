@@ -1,4 +1,4 @@
-"""Decoupled optima where thrust is more than axes with one limit, and the bounds they prove."""
+"""Decoupled optima by cone programs, for all thruster models and limits, and their bounds."""
 
 from dataclasses import dataclass, replace
 
@@ -15,24 +15,26 @@ from pipeline.orbit.thrust_cost import conjugate_bound, cost, dual_norm, support
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario.arrivals import Arrivals
 
-LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
+LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs may use, so that rounding stays within
 FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
-BURN = 1e-5  # share of a craft's largest control under which one is rounding, of a cone program
-NOISE = 1e-3  # share of the largest control of all craft that a craft's largest counts as, at least
-NO_EFFECT = 1e-14  # share of controls' largest effect along any direction that is rounding of none
-MET = 1e-9  # change of a final state that counts as none, m; velocities over e
+BURN = 1e-5  # share of a craft's largest control below which a cone program's control is rounding
+NOISE = 1e-3  # least value of a craft's largest control there, as a share of all craft's largest
+NO_EFFECT = 1e-14  # share of the largest effect of controls below which an effect is rounding
+MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 
 @dataclass(frozen=True, eq=False)
 class Duals(Rows):
-    """Dual variables of the programs of n craft; whatever they are, they prove a bound."""
+    """Dual variables of the programs of n craft; any values prove a bound."""
 
     goal: Float[Array, "n r"]  # y, of the goals and waypoints
-    split: Float[Array, "n intervals 3"]  # w, of the cones: what of y reach counts against norms
+    split: Float[
+        Array, "n intervals 3"
+    ]  # w, of the cones: the part of y · reach that the norm's limit bounds
 
 
 def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicProgram:
-    """The cone program of craft that do not see each other; their fuel is least, whatever else."""
+    """The cone program of decoupled craft; it minimizes total fuel, whatever the objective."""
     none: Int[Array, 0] = np.zeros(0, dtype=int)
     m = at.reach.shape[1]
     largest = np.abs(np.matvec(transfer_maps(problem).to_goal, at.miss[:, :6])).max()
@@ -48,7 +50,7 @@ def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicPr
 
 
 def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
-    """The limits that programs are given, so that rounding stays within them."""
+    """Limits for programs, slightly smaller so that rounding stays within the given ones."""
     component, norm, delta_v = (
         LIMIT_SHARE * one for one in (limits.component, limits.norm, limits.delta_v)
     )
@@ -58,7 +60,7 @@ def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
 def minimum_fuel_by_cones(
     at: Arrivals, limits: Limits, problem: Problem
 ) -> tuple[Controls | None, Duals]:
-    """Controls of least fuel of all craft in one program, or None, and dual variables."""
+    """Minimum-fuel controls of all craft by one cone program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
     for careful in (False, True):
         found = program.solver(careful=careful).solve()
@@ -77,8 +79,8 @@ def minimum_fuel_by_cones(
 def dual_bounds(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> Float[Array, "n"]:
     """The lower bound on the fuel of each craft, m/s², that any dual variables prove.
 
-    By weak duality: for any y, a control u costs at least y · (reach u), less the worth of y's
-    prices; and also where y is shrunk until nothing is worth more than it costs.
+    By weak duality: for any y, a control u costs at least y · (reach u) less the conjugate of the
+    cost; and at least y · (reach u) where y is scaled until its dual norm is at most 1.
     """
     y = duals.goal
     along, value = _along(y, at), np.vecdot(at.miss, y)
@@ -90,10 +92,10 @@ def dual_bounds(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) ->
 
 
 def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> bool:
-    """Whether it is proven that the controls of one craft bring it nowhere where it must be.
+    """Whether it is proven that no controls of one craft bring it where it must be.
 
-    They do at most their support along y (Farkas' lemma), and, for the largest limit that a problem
-    may have, along the directions in which controls as good as do nothing.
+    By the support function of the controls along y (Farkas' lemma), or, with the largest limit
+    that a problem may have, along directions in which controls have almost no effect.
     """
     y = duals.goal
     if np.isfinite(y).all():
@@ -110,37 +112,37 @@ def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Probl
 
 
 def _along(y: Float[Array, "n r"], at: Arrivals) -> Float[Array, "n intervals 3"]:
-    """What each control does along y, per m/s²."""
+    """Effect of each control along y, per m/s²."""
     return (y @ at.reach).reshape(len(y), -1, 3)
 
 
 def polished(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) -> Controls:
-    """The controls without what is rounding in them, which lead exactly where craft must be.
+    """Controls with rounding set to zero, corrected so that they meet the required states exactly.
 
-    By the least change of the burns that are left; where those cannot, of all that may be.
+    By the least change of the remaining burns; where that is not possible, of all allowed ones.
     """
     thrust, allowed = problem.thrust, limits.burns
     size = np.abs(controls)
     if thrust.model != COMPONENTS:
         size = np.broadcast_to(cost(controls, thrust)[..., None], controls.shape)
-    # What is solved together has rounding of the size of the largest.
+    # Rounding of craft that are solved together scales with the largest control.
     largest = np.maximum(size.max(axis=(1, 2), keepdims=True), NOISE * size.max())
     burns = allowed & (size > BURN * largest)
     kept = np.where(burns, controls, 0.0)
     if thrust.min_delta_v is not None and not isinstance(thrust.model, str):
-        # A change of the thrusts that are, so that no other thruster fires a little.
+        # Only thrusts that are nonzero change, so that no other thruster fires a little.
         fired = thrusts(kept, limits, thrust)
         fired = np.where(fired > BURN * largest, fired, 0.0)
         kept = _completed(fired, fired > 0, at, thrust) @ thrust.directions
     kept = _completed(kept, burns, at)
-    # Where what is left out cannot be made up for, as of burns that are all small, nothing is.
+    # Where the rest cannot compensate, as where all burns are small, nothing is set to zero.
     missed = _missed(kept, at) > MET
     kept = np.where(missed[:, None, None] & allowed, controls, kept)
     return _completed(kept, allowed, at)
 
 
 def _missed(amounts: Controls, at: Arrivals) -> Float[Array, "n"]:
-    """By how much controls miss where each craft must be, m; velocities over e."""
+    """Largest error of controls at the states required of each craft, m; velocities over e."""
     led = np.matvec(at.reach, amounts.reshape(len(amounts), -1))
     return np.abs(at.weight * (at.miss - led * at.asked)).max(axis=1)
 
@@ -151,9 +153,9 @@ def _completed(
     at: Arrivals,
     thrust: Thrust | None = None,
 ) -> Float[Array, "n intervals V"]:
-    """Controls with the least change of those that are free after which nothing is missed.
+    """Controls with the least change of free ones after which required states are met.
 
-    Or thrusts, where the thrusters are given.
+    Or thrusts, where thrusters are given.
     """
     n, asked, rows = len(amounts), at.asked, len(at.reach)
     reach = at.weight[:, None] * at.reach

@@ -1,4 +1,4 @@
-"""Half-space cuts: which pairs are held apart at which times, and in which direction."""
+"""Half-space cuts: pairs, times and directions in which a separation is required."""
 
 from dataclasses import dataclass, replace
 
@@ -12,23 +12,23 @@ from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
-BEYOND = 1e7  # from a corridor's face to the plane beyond it that cuts measure from, m
-TOUCHING = 1e-3  # distance in m under which two craft give no direction of their own
+BEYOND = 1e7  # distance from a corridor's face to the plane from which cuts measure, m
+TOUCHING = 1e-3  # distance, m, below which two positions define no direction
 
 
 @dataclass(frozen=True, eq=False)
 class SecondCraft(Rows):
-    """Linear maps to the positions of cuts' second craft, where they are not as the first's."""
+    """Linear maps to positions of cuts' second craft, where they differ from the first's."""
 
-    interval: Indices  # at whose start the craft's state counts
+    interval: Indices  # interval at whose start the craft's state is taken
     state_map: Float[Array, "k 3 6"]  # from that state to its position
     control_map: Float[Array, "k 3 3"]  # from its control in that interval to its position
-    offset: Vectors  # position of the first, or less that of the second, as far as it is fixed, m
+    offset: Vectors  # fixed part of the first's position less that of the second's, m
 
 
 @dataclass(frozen=True, eq=False)
 class Cuts(Rows):
-    """Pairs and times at which a separation is asked for."""
+    """Pairs and times at which a separation is required."""
 
     first: Indices
     second: Indices
@@ -37,8 +37,8 @@ class Cuts(Rows):
         Array, "k 3 6"
     ]  # from a craft's state at the interval's start to its position then
     control_map: Float[Array, "k 3 3"]  # from its control in the interval to its position then
-    other: SecondCraft | None = None  # of the second, where some are passive-safety cuts
-    beyond: Values | None = None  # asked for beyond the collision radius, as sizes differ, m
+    other: SecondCraft | None = None  # of the second craft, where some maps differ
+    beyond: Values | None = None  # required beyond the collision radius, by sizes, m
 
     def __add__(self, more: "Cuts") -> "Cuts":
         parts = [self, more]
@@ -50,7 +50,7 @@ class Cuts(Rows):
 
     @property
     def of_sizes(self) -> Values:
-        """What is asked for beyond the collision radius, as sizes differ, m."""
+        """Separation required beyond the collision radius, by sizes, m."""
         return np.zeros(len(self)) if self.beyond is None else self.beyond
 
     @property
@@ -62,7 +62,7 @@ class Cuts(Rows):
 
     @property
     def in_flight(self) -> Bool[Array, "k"]:
-        """Cuts of two craft that both fly their plans."""
+        """Mask of the cuts of two craft that both fly their plans."""
         other = self.other or self.as_first
         both = zip(vars(self.as_first).values(), vars(other).values(), strict=True)
         return ~np.any([(a != b).reshape(len(self), -1).any(axis=1) for a, b in both], axis=0)
@@ -81,10 +81,10 @@ def cuts_at(
 
 
 def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
-    """Cuts of pairs of participants, as cuts of craft alone.
+    """Convert cuts of pairs of participants to cuts of craft alone.
 
-    Their axes are scaled; and where the second participant is an obstacle, the cut is about the
-    first alone, so that it joins no two craft.
+    Their axes are scaled. Where the second participant is an obstacle, the cut has the first craft
+    as both, so that it links no two craft.
     """
     if not isinstance(swarms, Participants):
         return cuts
@@ -111,10 +111,9 @@ def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPart
 
 
 def corridor_cuts(found: Margins, faces: Faces, collision_radius: float) -> Cuts:
-    """Cuts where craft are to be inside a face: by as much as others are to be apart.
+    """Cuts that keep craft inside faces of corridors, with the margin of a separation.
 
-    Of each the gap is that of the craft to a plane so far beyond the face that it always points
-    inward.
+    The gap of each is measured from a plane so far outside the face that it always points inward.
     """
     normal, craft = faces.normal[found.face], faces.craft[found.face]
     inward = -normal[:, :, None] * normal[:, None]
@@ -136,12 +135,12 @@ def corridor_cuts(found: Margins, faces: Faces, collision_radius: float) -> Cuts
 def passive_safety_cuts(
     found: Approaches, states: States, problem: Problem, swarms: SwarmPartition
 ) -> Cuts:
-    """Cuts at encounters of a drifting craft, which lost its thrust at a node, and another.
+    """Cuts at encounters of a craft that drifts since a node with another craft.
 
-    The controls of a drifting craft count up to that node, so none from the first node on, and
-    those of the other until it is on its goal's orbit. Where no control of one counts, its
-    position is fixed, and the cut is about the other alone, so that it joins no two craft. In each
-    encounter the controls of at least one craft count. States are in m and m/s.
+    The controls of the drifting craft act up to that node, so none if it is the first, and those
+    of the other until its goal. Where no control of one acts, its position is fixed, and the cut
+    has the other craft as both, so that it links no two craft. In each encounter the controls of
+    at least one craft act. States are in m and m/s.
     """
     dynamics, last, node = problem.dynamics, problem.nodes - 1, found.node
     assert node is not None  # at which the first craft lost its thrust
@@ -169,12 +168,12 @@ def passive_safety_cuts(
 
 
 def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Array, "k *rest"]:
-    """The values, and zero where a mask says so."""
+    """The values, with zero where the mask is true."""
     return np.where(mask.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
 
 
 def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
-    """Position of each cut's first craft relative to its second, there and then, m."""
+    """Position of each cut's first craft relative to its second at the cut's time, m."""
     i, j, k = cuts.first, cuts.second, cuts.interval
     if cuts.other is not None:
         other, t = cuts.other, cuts.other.interval
@@ -190,13 +189,13 @@ def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
 def normals(
     cuts: Cuts, states: States, controls: Controls, shift: Vectors | float = 0.0
 ) -> Vectors:
-    """Direction n̂ between each cut's pair; a shift, m, of the gaps passes on another side."""
+    """Direction n̂ of each cut; a shift of the gaps, m, makes craft pass on another side."""
     velocity = states[cuts.first, cuts.interval, 3:] - states[cuts.second, cuts.interval, 3:]
     return directions(gaps(cuts, states, controls) + shift, velocity)
 
 
 def directions(gap: Vectors, velocity: Vectors) -> Vectors:
-    """Unit vectors along each gap; across the relative velocity where the two craft touch."""
+    """Unit vectors along each gap; normal to the relative velocity where the gap is about 0."""
     distance = np.linalg.norm(gap, axis=1)
     touching = distance < TOUCHING
     if touching.any():
@@ -210,7 +209,7 @@ def directions(gap: Vectors, velocity: Vectors) -> Vectors:
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces(Rows):
-    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required is a separation along the normal."""
+    """Cuts with directions: row · uᵢ - other · uⱼ ≥ required bounds the separation."""
 
     row: Float[Array, "k m"]  # m per m/s²
     required: Values  # m
@@ -220,7 +219,7 @@ class HalfSpaces(Rows):
 def half_spaces(
     cuts: Cuts, normal: Vectors, initial: Formation, problem: Problem, separation: Values | float
 ) -> HalfSpaces:
-    """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation there and then (m, m/s)."""
+    """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation at their times (m, m/s)."""
     maps = transfer_maps(problem)
 
     def effect(to_state: Array, interval: Indices, pushed: Array) -> Array:

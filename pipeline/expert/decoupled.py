@@ -24,7 +24,7 @@ from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import limits_of
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft
 
-LOOSE = 1e-7  # share of a craft's fuel that its bound may be below it
+LOOSE = 1e-7  # largest gap between a craft's fuel and its bound, as a share of its fuel
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own convex program"
@@ -33,24 +33,24 @@ LEFT_OUT = ", obstacles and corridors left out"
 
 @dataclass(frozen=True, eq=False)
 class DecoupledOptima(Rows):
-    """The L1-optimal transfer of each craft without the others."""
+    """The minimum-fuel transfer of each craft without the others."""
 
     controls: Controls  # m/s²; the minimum-energy transfer where no optimum was found
     lower_bound: Float[Array, "n"]  # proven lower bound on the fuel of each craft, m/s²
     feasible: CraftMask  # whether an optimum was found
     # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
-    # any thrust; what is neither the solver failed at
+    # any thrust; the solver failed where it is neither feasible nor impossible
     impossible: CraftMask
-    tabled: CraftMask  # whether the bound is a vertex's of the table, or a program's
+    tabled: CraftMask  # whether the bound is by the table and not by a program
     basis: Int[Array, "n 6"] | None = None  # as in ``Subproblem``, without a thrust limit
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
-        """Lower bound on the fuel of some craft in all, m/s², and how it is proven."""
+        """Lower bound on the total fuel of some craft, m/s², and how it is proven."""
         proof = TABLE if self.tabled[craft].all() else PROGRAM
         return float(self.lower_bound[craft].sum()), proof
 
     def least_share(self, limits: Limits, time_step: float, craft: slice = slice(None)) -> float:
-        """Lower bound on the largest share of its Δv that one of some craft burns."""
+        """Lower bound on the largest share of its Δv that any of some craft burns."""
         return float((self.lower_bound[craft] * time_step / limits.delta_v[craft]).max())
 
 
@@ -61,11 +61,11 @@ def decoupled_optima(
     limits: Limits | None = None,
     arrivals: Arrivals | None = None,
 ) -> DecoupledOptima:
-    """Least fuel that joins the two states of each craft, m and m/s.
+    """Minimum-fuel transfer of each craft between its two states, m and m/s.
 
-    By table where the optimum without a thrust limit keeps to it, for then it is the optimum with
-    it too; the others by cone programs. With limits of each craft, by cone programs all, and
-    perhaps to other places than their goals.
+    By table where the optimum without a thrust limit keeps to the limit, since then it is optimal
+    with it too; the others by cone programs. With limits of each craft, all by cone programs, and
+    to ``arrivals`` where they are given.
     """
     if limits is not None:
         at = arrivals or arrivals_of(initial, goal, problem, {})
@@ -83,7 +83,7 @@ def decoupled_optima(
     if beyond:
         at, alike = arrivals_of(initial, goal, problem, {}), limits_of((), len(miss), problem)
     for k in beyond:
-        one = slice(k, k + 1)  # by itself, so that a plan is the same whatever it is made beside
+        one = slice(k, k + 1)  # alone, so that a plan does not depend on others in its batch
         alone = limited_optima(controls[one], at[one], problem, alike[one])
         feasible[one], hopeless[one] = alone.feasible, alone.impossible
         controls[one] = alone.controls
@@ -97,12 +97,10 @@ def decoupled_optima(
 def limited_optima(
     controls: Controls, at: Arrivals, problem: Problem, limits: Limits
 ) -> DecoupledOptima:
-    """Decoupled optima by a cone program of all craft, and of each where that proves too little.
+    """Decoupled optima by one cone program of all craft, or one for each where bounds are loose.
 
-    Of a program without a solution the duals may prove which craft are at fault; then the others
-    are tried again without them.
-
-    The controls given are those of craft for which none are found.
+    The duals of an infeasible program may prove which craft make it so; then the others are solved
+    again without them. The controls given are returned for craft without an optimum.
     """
     n = len(at)
     controls, bound = controls.copy(), np.zeros(n)
@@ -116,15 +114,15 @@ def limited_optima(
             each_dual = [(duals[k], at[craft[k]], limits[craft[k]], problem) for k in each]
             not_possible[craft] = [proven_infeasible(*one) for one in each_dual]
             left = craft[~not_possible[craft]]
-            waiting += [left] if 0 < len(left) < len(craft) else _apart(left, craft)
+            waiting += [left] if 0 < len(left) < len(craft) else _one_by_one(left, craft)
             continue
         feasible[craft] = True
         controls[craft] = polished(found, at[craft], limits[craft], problem)
         bound[craft] = dual_bounds(duals, at[craft], limits[craft], problem)
-        # Where misses are of very different sizes, the small are lost in the rounding.
+        # Where required changes differ much in size, the small ones are lost in rounding.
         fuel = cost(controls[craft], problem.thrust).sum(axis=1)
         loose = craft[fuel - bound[craft] > LOOSE * fuel + problem.negligible_fuel]
-        waiting += _apart(loose, craft)
+        waiting += _one_by_one(loose, craft)
     least_delta_v = bound * problem.time_step
     not_possible |= least_delta_v > limits.delta_v * (1 + FARKAS_MARGIN)
     return DecoupledOptima(
@@ -139,9 +137,9 @@ def arrivals_at_least_fuel(
     limits: Limits,
     waypoints: Sequence[Waypoint],
 ) -> tuple[Arrivals, Float[Array, "n"]]:
-    """Where each craft must be, and a lower bound on its fuel for every choice of open times.
+    """Required states of each craft, and a lower bound on its fuel over all choices of open times.
 
-    The bound is infinite where no time is open, m/s². Every choice of a craft is tried.
+    The bound, m/s², is infinite where no time is open. All choices of a craft are tried.
     """
     passed, bound = {}, np.full(len(initial), np.inf)
     for craft, some in of_craft(waypoints).items():
@@ -154,15 +152,15 @@ def arrivals_at_least_fuel(
             optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
             fuel = craft_fuel(optima.controls, problem.thrust, limits[many])
             fuel = np.where(optima.feasible, fuel, np.inf)
-            # Where none is feasible, one that is not proven to be impossible.
+            # Where none is feasible, one that is not proven impossible.
             best = choices[int(np.lexsort((optima.impossible, fuel))[0])]
             bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
         passed[craft] = list(zip(best, some, strict=True))
     return arrivals_of(initial, goal, problem, passed), bound
 
 
-def _apart(some: Int[Array, "_"], of: Int[Array, "_"]) -> list[Int[Array, "_"]]:
-    """Each of some craft on its own; none where that has been tried."""
+def _one_by_one(some: Int[Array, "_"], of: Int[Array, "_"]) -> list[Int[Array, "_"]]:
+    """Each of some craft alone; none where that has been tried."""
     return [*some[:, None]] if len(of) > 1 else []
 
 

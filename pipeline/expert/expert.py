@@ -1,7 +1,7 @@
-"""The expert: scenarios, and perhaps seeds, in; plans that satisfy all requirements out.
+"""The expert: plans for scenarios, from optional seeds, that satisfy all requirements.
 
-Where a risk is required, pairs are kept some standard deviations of their separation apart (chance
-constraints), and a few searches find how many.
+Where a risk limit is required, pairs are kept some standard deviations of their separation apart
+(chance constraints), and a few searches find how many.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,13 +30,13 @@ from pipeline.plan import (
 )
 from pipeline.scenario import Scenario
 
-TRIES = 8  # searches at most, each for another number of standard deviations
-# Times the risk asked for, at the ends alone, from which no other plan is sought: plans change that
-# by a factor of up to two.
+TRIES = 8  # searches at most, each with another number of standard deviations
+# Ratio of the risk at the ends to the limit from which no search is made: plans change it by a
+# factor of two at most.
 HOPELESS = 10.0
-ENOUGH = 0.5  # share of the risk asked for from which a plan is not needlessly safe
-SATURATION = 0.1  # share of it that is left to corrections beyond the thrust limit
-AIM = 0.75  # share of it that the next number of standard deviations is chosen for
+ENOUGH = 0.5  # share of the limit on risk from which on a plan is not needlessly safe
+SATURATION = 0.1  # share of it that is reserved for corrections beyond the thrust limit
+AIM = 0.75  # share of it that the next number of standard deviations aims at
 
 
 def solve(
@@ -57,8 +57,8 @@ def solve_many(
 ) -> list[Plan]:
     """The expert's plans for scenarios of one problem, whose sizes may differ.
 
-    Seeds are node states, m and m/s, that the first cuts of a scenario are linearized about,
-    instead of its decoupled optima; they need neither be safe nor obey the dynamics. InputError for
+    Seeds are node states, m and m/s, about which the first cuts of a scenario are linearized
+    instead of its decoupled optima; they need not be safe or obey the dynamics. InputError for
     a seed of another shape or with values that are not finite.
     """
     settings = settings or Settings()
@@ -68,7 +68,7 @@ def solve_many(
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A plan, the standard deviations that it was asked to keep, and the risk of flying it."""
+    """A plan, the standard deviations that were required of it, and the risk of flying it."""
 
     plan: Plan
     sigmas: float
@@ -76,16 +76,16 @@ class _Candidate:
 
 
 def within_risk(plan: Plan, requirements: Requirements, settings: Settings | None = None) -> Plan:
-    """The plan itself where its risk is small enough, or else the cheapest of more careful ones.
+    """The plan itself where it keeps the risk limit, or else the cheapest safer plan that does.
 
-    Every pair is kept so many standard deviations of its separation apart, the same number for all.
-    As pairs that are held there come within the radius with a probability proportional to the
-    normal distribution's tail, a few searches find the number. Each is seeded with the plan before.
+    Every pair is kept the same number of standard deviations of its separation apart. As such pairs
+    collide with a probability proportional to the tail of the normal distribution, a few searches
+    find the number. Each is seeded with the plan before.
 
-    The plan given, of any planner, satisfies what is required without errors, or is not SOLVED. The
-    certificate of that returned has the risk. It is UNSOLVED where the bound stays above what was
-    asked for: then it is the least risky of all, and its message says who is in the way. Where the
-    ends of the plan given have many times what was asked for, no other is sought.
+    The plan given, of any planner, satisfies the requirements for flight without errors, or is not
+    SOLVED. The certificate of the plan returned has the risk. It is UNSOLVED where all bounds are
+    above the limit: then it has the least risk, and its message says which craft cause it. Where
+    the ends of the plan given have many times the limit, no other is sought.
     """
     limit = requirements.risk
     if limit is None or plan.status == INFEASIBLE:
@@ -121,11 +121,11 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
 def _more_careful(
     first: _Candidate, limit: RiskLimit, settings: Settings, requirements: Requirements
 ) -> Iterator[_Candidate]:
-    """Search for ever better numbers of standard deviations, until one is good enough.
+    """Search for the number k of standard deviations, until the risk is good enough.
 
-    The risk is modelled as what the ends have, which no plan changes much, and a multiple of the
-    tail Q(k); the number is kept between the largest known to be too few and the least that is
-    enough. Where the ends have many times the risk asked for there is nothing to search.
+    The risk is modelled as that at the ends, which no plan changes much, plus a multiple of the
+    normal tail Q(k); k is bracketed by the largest number known to be too small and the least known
+    to suffice. Where the ends have many times the limit nothing is searched.
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
@@ -145,7 +145,7 @@ def _more_careful(
         yield one
         risk = one.risk.total
         if made.status != SOLVED:
-            enough = sigmas  # too many: what follows is sought below
+            enough = sigmas  # no plan: a smaller number follows
             sigmas = (few + enough) / 2
             continue
         ends = float(one.risk.at_ends.sum())
@@ -160,9 +160,9 @@ def _more_careful(
 
 
 def _leaving_room(plan: Plan, back_off: BackOff, asked: float) -> Scenario:
-    """The scenario with as much less thrust as corrections at each node need, if there is so much.
+    """The scenario with thrust reserved for corrections at each node, where the limit suffices.
 
-    So that all of them are within the thrust limit but with a small share of the risk.
+    So corrections exceed the limit only with a small share of the risk.
     """
     scenario, limit = plan.scenario, plan.scenario.problem.max_acceleration
     if limit is None or not back_off.closed_loop:
@@ -176,7 +176,7 @@ def _leaving_room(plan: Plan, back_off: BackOff, asked: float) -> Scenario:
 
 
 def _within_limit(made: Plan, plan: Plan, requirements: Requirements) -> Plan:
-    """A plan with less thrust as one of another plan's scenario, with the bound of that one."""
+    """Restate a plan of a scenario with less thrust for another plan's scenario, with its bound."""
     if made.scenario is plan.scenario:
         return made
     if made.status != SOLVED:
@@ -187,7 +187,7 @@ def _within_limit(made: Plan, plan: Plan, requirements: Requirements) -> Plan:
 
 
 def _tail(probability: float) -> float:
-    """Standard deviations that a normal variable exceeds with a probability, at least 0."""
+    """Standard deviations, at least 0, that a normal variable exceeds with a probability."""
     from scipy.special import ndtri  # slow to import, and only a risk needs it
 
     return max(0.0, -float(ndtri(min(probability, 0.5))))
@@ -201,13 +201,13 @@ def _judged(plan: Plan, back_off: BackOff) -> _Candidate:
 
 
 def _preference(candidate: _Candidate, asked: float) -> tuple[bool, float]:
-    """Sort key: plans that keep the risk come first, the cheapest ahead, then the least risky."""
+    """Sort key: plans within the risk limit first, by fuel, then the others, by risk."""
     kept = candidate.plan.status == SOLVED and candidate.risk.total <= asked
     return not kept, candidate.plan.certificate.fuel if kept else candidate.risk.total
 
 
 def _too_risky(candidate: _Candidate, asked: float) -> str:
-    """Why the risk is not kept: the pair that adds most, and whether the ends alone have it."""
+    """Why the risk limit is not kept: the pair that adds most, and whether the ends alone do."""
     scenario, risk = candidate.plan.scenario, candidate.risk
     if risk.saturation > asked:
         return (

@@ -1,8 +1,8 @@
-"""The smallest impulse bit: a plan with burns below it is searched again, with none of them.
+"""The smallest impulse bit: plans with burns below it are searched again without these burns.
 
-Where programs are linear, their thrusts become zero or large enough, which is a mixed-integer
-program. Where they have cones, plans are made in turn, each without the smaller half of the burns
-that were still too small before, and the next begins about the last.
+Where programs are linear, mixed-integer programs make each thrust zero or large enough. Where they
+have cones, plans are made in turn, each without the smaller half of the burns that were too small
+in the plan before, about which it is linearized.
 """
 
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import burn_sizes, craft_fuel, too_small
 
-ROUNDS = 16  # plans at most, each without more of the small burns
+ROUNDS = 16  # plans at most
 
 
 def without_small_burns(task: SearchProblem, results: Sequence[SearchResult]) -> list[SearchResult]:
-    """The results of searches, those with burns that are too small searched again without."""
+    """Results of searches, with those that have too small burns searched again."""
     found = list(results)
     for k, result in enumerate(results):
         if not result.obstacle:
@@ -40,7 +40,7 @@ def _again(task: SearchProblem, result: SearchResult) -> SearchResult:
     if not too_small(result.controls, limits, batch.problem).any():
         return result
     has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
-    found = (_without if has_cones else _by_integers)(task, result)
+    found = (_without if has_cones else _search_by_integers)(task, result)
     if result.feasible:
         fuel = craft_fuel(result.controls, batch.problem.thrust, limits)
         found = replace(found, fuel_without=float(fuel.sum()))
@@ -53,7 +53,7 @@ def _least(batch: Batch) -> str:
     return f"{batch.problem.thrust.min_delta_v:g} m/s"
 
 
-def _by_integers(task: SearchProblem, result: SearchResult) -> SearchResult:
+def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResult:
     """Search with programs whose thrusts are zero or large enough."""
     from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
 
@@ -80,7 +80,7 @@ def _by_integers(task: SearchProblem, result: SearchResult) -> SearchResult:
 
 
 def _without(task: SearchProblem, result: SearchResult) -> SearchResult:
-    """The result of one scenario whose burns are all large enough, or else the last tried."""
+    """Search one scenario with ever fewer burns, until all are large enough or rounds end."""
     batch, solves = task.batch, result.convex_solves
     assert batch.limits is not None
     for _ in range(ROUNDS):

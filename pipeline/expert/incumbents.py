@@ -9,21 +9,21 @@ from pipeline.expert.batch import Batch
 from pipeline.expert.cuts import Cuts
 from pipeline.orbit.arrays import Controls, CraftMask
 
-SLACK_TOLERANCE = 1e-5  # slack in m under which a half-space counts as met
+SLACK_TOLERANCE = 1e-5  # slack, m, below which a half-space counts as satisfied
 
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What the search of a scenario ended with."""
+    """Result of the search for a plan of a scenario."""
 
     controls: Controls  # m/s²
     convex_solves: int = 0  # rounds of programs, the clusters of a round counted as one
     # pairs of craft that cuts were made for
     joined: Int[Array, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), dtype=int))
-    feasible: bool = False  # whether the controls were seen to be safe as a whole
-    obstacle: str = ""  # what stood in the way of a safe plan, or nothing
-    infeasible: bool = False  # whether it is proven to stand in the way of every plan
-    fuel_without: float | None = None  # of the plan without regard to the smallest burn, m/s²
+    feasible: bool = False  # whether the controls were found safe as a whole
+    obstacle: str = ""  # reason why there is no safe plan, or empty
+    infeasible: bool = False  # whether it is proven to exclude every plan
+    fuel_without: float | None = None  # of the plan that ignores the smallest burn, m/s²
 
 
 class Incumbents:
@@ -38,12 +38,12 @@ class Incumbents:
         self._slack: dict[int, tuple[float, int, int]] = {}
 
     def begin_round(self, active: CraftMask) -> None:
-        """Count a round of the scenarios of some craft; slack of earlier rounds is dropped."""
+        """Count a round for the scenarios of active craft, and drop the slack of earlier rounds."""
         self._rounds += np.bincount(self._swarm[active], minlength=len(self._rounds)) > 0
         self._slack = {}
 
     def update(self, controls: Controls, safe: Bool[Array, "swarms"]) -> None:
-        """Keep iterates that are safe as a whole and cheaper than any before."""
+        """Keep iterates of scenarios that are safe as a whole and cheaper than any before."""
         batch = self._batch
         if batch.limits is None:
             fuel = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), batch.swarms.starts)
@@ -54,16 +54,16 @@ class Incumbents:
         self._best[better[self._swarm]] = controls[better[self._swarm]]
 
     def note_failure(self, craft: int, why: str) -> None:
-        """Note what the solver failed at."""
+        """Note why the solver failed."""
         self._failure[int(self._swarm[craft])] = why
 
     def note_slack(self, first: int, second: int, slack: float) -> None:
-        """Note a pair that a program leaves too close; the closest of a round counts."""
+        """Note a pair that a program leaves too close; the largest slack of a round is kept."""
         swarm = int(self._swarm[first])
         self._slack[swarm] = max(self._slack.get(swarm, (0.0, 0, 0)), (slack, first, second))
 
     def results(self, controls: Controls, cuts: Cuts, left: CraftMask) -> list[SearchResult]:
-        """Incumbents, or else the newest controls, m/s²; craft that are ``left`` are not done."""
+        """Incumbents, or else the newest controls, m/s²; craft in ``left`` are unfinished."""
         feasible, starts = np.isfinite(self._cheapest), self._batch.swarms.starts
         ended = np.where(feasible[self._swarm, None, None], self._best, controls)
         joined = np.array([cuts.first, cuts.second]).T
@@ -79,7 +79,7 @@ class Incumbents:
         ]
 
     def _obstacle(self, swarm: int, *, left: bool) -> str:
-        """What the solver failed at, or the pair that no program could hold apart."""
+        """Why the solver failed, or the pair that the last program could not keep apart."""
         if swarm in self._failure:
             return self._failure[swarm]
         slack, i, j = self._slack.get(swarm, (0.0, 0, 0))

@@ -1,8 +1,8 @@
-"""The subproblem with a smallest impulse bit, by HiGHS: thrusts are zero, or at least so large.
+"""The subproblem with a smallest impulse bit, by HiGHS: each thrust is zero or at least that bit.
 
 A binary variable for each thrust says whether the thruster fires. Thrusters that fire together
-must do so at the least cost, as a control says no more than their sum: those that are opposite
-never do, and other sets that do not are excluded one by one.
+must produce their control at the least cost, as a plan stores their sum alone: opposite ones are
+excluded from the start, and other sets that do not are excluded as they appear.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from pipeline.orbit.arrays import Values
 from pipeline.orbit.problem import LIMIT_ROUNDING
 from pipeline.orbit.thrust_cost import cost
 
-GAP = 1e-3  # relative gap at which the search for the best choice of burns ends
-NODES = 500  # of its tree, after which it ends with the best that it has
+GAP = 1e-3  # relative gap at which branch and bound ends
+NODES = 500  # of its tree at most, after which it ends with the best solution so far
 FEASIBLE = 1e-9  # tolerance of rows; times the largest thrust it is far below a burn
-ROUNDS = 8  # programs at most, each without sets of thrusters that fired at more than least cost
+ROUNDS = 8  # programs at most, each without the sets of thrusters found to be too expensive
 _FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionLimit)
 
 
@@ -40,7 +40,7 @@ class _Integers:
         return len(self.program.slots[0]) * len(self.program.price)
 
     def rows(self) -> tuple[sparse.csr_array, Values]:
-        """Equalities first, then rows that are at most b, and off or at least a bit."""
+        """Rows and b: equalities, inequalities, and thrusts that are zero or at least a bit."""
         program, sub = self.program, self.program.sub
         assert sub.thrust.min_delta_v is not None
         parts = [program.goals(), program.spending(), program.half_spaces()]
@@ -58,7 +58,7 @@ class _Integers:
         return rows, np.concatenate([upper, np.zeros(2 * N)])
 
     def most(self) -> Float[Array, "N"]:
-        """Largest thrusts: limits, or as much as in all intervals, and 0 where none may be."""
+        """Upper bounds on scaled thrusts: limits, or the number of intervals; 0 if not allowed."""
         sub, V = self.program.sub, len(self.program.price)
         limit = np.repeat(self.program.limits.component[self.program.slots[0]] / sub.unit, V)
         most = np.minimum(limit, sub.reach.shape[1] / 3)
@@ -66,7 +66,7 @@ class _Integers:
         return np.asarray(most)
 
     def opposite(self) -> list[Int[Array, "_"]]:
-        """Numbers of the two variables of each pair of opposite thrusters, in every interval."""
+        """Indices of the two variables of each pair of opposite thrusters, in every interval."""
         effect = self.program.effect
         V = effect.shape[1]
         pairs = [
@@ -75,7 +75,7 @@ class _Integers:
         return [np.array(pair) + V * s for s in range(len(self.program.slots[0])) for pair in pairs]
 
     def solved(self, excluded: list[Int[Array, "_"]]) -> Float[Array, "v"]:
-        """The best variables in which no excluded set of thrusts is other than zero."""
+        """The best variables in which no excluded set of thrusts is nonzero as a whole."""
         program, N = self.program, self.thrusts
         rows, upper = self.rows()
         width = rows.shape[1]
@@ -113,9 +113,9 @@ class _Integers:
 
 
 def by_integers(sub: Subproblem) -> Optimum:
-    """The optimum of a subproblem whose thrusts are of some directions, without limits of norms.
+    """Solve a subproblem of thrusters with fixed directions, without limits on norms.
 
-    Its dual variables are not known, and zero. UnsolvableError where none was found.
+    Dual variables are not known, and zero. UnsolvableError where no solution is found.
     """
     program = ConicProgram(sub)
     integers = _Integers(program)

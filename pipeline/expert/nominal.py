@@ -1,4 +1,4 @@
-"""Plans for flight without errors: searches of the SCP, each scenario's best, certified."""
+"""Plans for flight without errors: the best result of SCP searches for each scenario."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -42,8 +42,8 @@ def nominal_plans(
 ) -> list[Plan]:
     """The expert's plans for scenarios of one problem, flown without errors.
 
-    As in ``solve_many``, but for the risk, which is not looked at; ``back_off`` is what is asked
-    for beyond the collision radius because craft err.
+    As in ``solve_many``, but without a limit on risk; ``back_off`` is kept beyond the collision
+    radius because of errors.
     """
     batches = _batches(scenarios)
     if len(batches) != 1:
@@ -57,7 +57,7 @@ def nominal_plans(
     task = SearchProblem(batch, settings, requirements, back_off)
     started = perf_counter()
     controls = None if seeds is None else [*map(_flyable, scenarios, seeds)]
-    _ = batch.optima  # whose time is a stage of its own
+    _ = batch.optima  # computed here to be timed as a stage of its own
     searched = perf_counter()
     results = _search(task, controls)
     done = perf_counter()
@@ -75,7 +75,7 @@ def nominal_plans(
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
-    """Indices of the scenarios of each batch: with thrust limits of each craft, and without.
+    """Group scenarios, by index, into batches: with limits of each craft, and without.
 
     With a smallest impulse bit each scenario is a batch, as rounding decides which burns are
     dropped.
@@ -90,9 +90,9 @@ def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
 def with_back_off(
     plans: Sequence[Plan], back_off: BackOff, requirements: Requirements
 ) -> list[Plan]:
-    """Plans that keep a back-off, too, from safe plans of one problem; by the expert.
+    """The expert's plans that also keep a back-off, seeded with safe plans of one problem.
 
-    Where it finds none, its plan keeps the collision radius alone, or is not SOLVED.
+    Where it finds none, a plan keeps the collision radius alone, or is not SOLVED.
     """
     scenarios, seeds = [plan.scenario for plan in plans], [plan.states for plan in plans]
     return nominal_plans(scenarios, seeds, Settings(), requirements, back_off)
@@ -107,13 +107,13 @@ def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls
 
 
 def _explained(plan: Plan, result: SearchResult) -> Plan:
-    """The plan with its status and the reason, where it is none to fly."""
+    """The plan with its status and, where it is not SOLVED, the reason."""
     if (smallest := plan.certificate.smallest_burn) is not None:
         smallest = replace(smallest, fuel_without=result.fuel_without or plan.certificate.fuel)
         plan = replace(plan, certificate=replace(plan.certificate, smallest_burn=smallest))
     if result.infeasible:
         return replace(plan, status=INFEASIBLE, message=result.obstacle)
-    if plan.status == UNSAFE and has_one_plan(plan.scenario.problem) and _meet(plan):
+    if plan.status == UNSAFE and has_one_plan(plan.scenario.problem) and _collides(plan):
         reason = f"no other controls reach the goals, and with these {plan.message}"
         return replace(plan, status=INFEASIBLE, message=reason)
     if plan.status != SOLVED:
@@ -123,8 +123,8 @@ def _explained(plan: Plan, result: SearchResult) -> Plan:
     return plan
 
 
-def _meet(plan: Plan) -> bool:
-    """Whether craft do come within the collision radius, beyond what cannot be disproven."""
+def _collides(plan: Plan) -> bool:
+    """Whether craft provably violate separations, and do not merely lack a proof of safety."""
     found, radius = plan.certificate, plan.scenario.problem.collision_radius
     if plan.requirements.at_nodes:
         return found.node_collisions > 0
@@ -147,8 +147,8 @@ def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     found = Search(part, None if seeds is None else [seeds[k] for k in left]).run()
     settings, optima = task.settings, part.batch.optima
     if task.requirements.passive_safety is not None:
-        # Craft in one plane are first led apart in that plane, where there may be no way past one
-        # that drifts; other sides lead out of it.
+        # Coplanar craft first avoid each other in their plane, where there may be no way past one
+        # that drifts; passing on other sides leads out of it.
         found = _again(
             *(part, found, settings.again),
             wanting=lambda _, result: not result.feasible,
@@ -158,13 +158,13 @@ def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     batch = part.batch
     bounds = [batch.objective_of(optima.lower_bound[craft], craft) for craft in batch.craft]
 
-    def dear(k: int, result: SearchResult) -> bool:
+    def too_expensive(k: int, result: SearchResult) -> bool:
         fuel = batch.objective(result.controls, batch.craft[k])
         return gap_of(fuel, bounds[k], batch.problem) > settings.gap_tolerance
 
     found = _again(
         *(part, found, settings.starts - 1),
-        wanting=dear,
+        wanting=too_expensive,
         better=lambda k, best, other: _better(part.part([k]), best, other),
     )
     if batch.problem.thrust.min_delta_v is not None:
@@ -175,7 +175,7 @@ def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
 
 
 def _before_search(task: SearchProblem) -> list[SearchResult]:
-    """The decoupled optima of each scenario, and what stands in the way of every plan or search."""
+    """Decoupled optima of each scenario, with the reason why there is no plan or search, if any."""
     batch, orbits = task.batch, task.requirements.passive_safety
     optima = batch.optima
     parts = zip(
@@ -198,7 +198,7 @@ def _before_search(task: SearchProblem) -> list[SearchResult]:
 
 
 def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
-    """Why no plan is passively safe, where the ends alone prove it; else nothing."""
+    """Why no plan is passively safe, where the ends alone prove it; else an empty string."""
     ends = scenario.initial, scenario.goal, scenario.problem
     radii = scenario.radii if scenario.unlike else None
     found = unavoidable_encounter(*ends, orbits, radii, scenario.obstacles)
@@ -225,7 +225,7 @@ def _again(
     wanting: Callable[[int, SearchResult], bool],
     better: Callable[[int, SearchResult, SearchResult], SearchResult],
 ) -> list[SearchResult]:
-    """Search again, from further starts, scenarios with wanting results; the better results."""
+    """Search unsatisfactory scenarios again from further starts, and keep the better results."""
     results = list(first)
     for start in range(1, times + 1):
         left = [k for k, result in enumerate(results) if wanting(k, result)]
@@ -238,7 +238,7 @@ def _again(
 
 
 def _better(task: SearchProblem, best: SearchResult, other: SearchResult) -> SearchResult:
-    """The cheaper of both in every cluster, where that is safe; else the cheaper of both."""
+    """Combine the cheaper result of each cluster where that is safe; else the cheaper of both."""
     if not (best.feasible and other.feasible):
         return best if best.feasible else other
     (scenario,) = task.batch.scenarios
@@ -247,8 +247,8 @@ def _better(task: SearchProblem, best: SearchResult, other: SearchResult) -> Sea
     saved = np.zeros(scenario.n)
     for label in np.unique(labels):
         craft = np.flatnonzero(labels == label)
-        worth = (task.batch.objective(one.controls[craft], craft) for one in (best, other))
-        saved[label] = next(worth) - next(worth)
+        costs = [task.batch.objective(one.controls[craft], craft) for one in (best, other)]
+        saved[label] = costs[0] - costs[1]
     cheaper = (saved > 0)[labels]
     controls = np.where(cheaper[:, None, None], other.controls, best.controls)
     flown = Trajectory(controls, fly(scenario.initial, controls, scenario.problem))

@@ -1,8 +1,8 @@
 """The plain SCP, the paper's kind of optimizer: every pair at every node, in one program.
 
 Each round solves one convex program in which a half-space keeps every pair apart at every inner
-node, linearized about the trajectory before. States and controls of all craft are its variables,
-which Clarabel finds. Craft are kept apart at the nodes only, as in the paper.
+node, linearized about the trajectory of the round before. Its variables are states and controls of
+all craft; Clarabel solves it. Craft are kept apart at the nodes only, as in the paper.
 """
 
 from dataclasses import replace
@@ -27,9 +27,9 @@ from pipeline.scenario import Scenario
 
 NAME = "plain SCP"
 UNIT = 1e-3  # controls are solved for in mm/s²
-MARGIN = 1e-3  # separation asked for beyond r_col, m: more than the solver's rounding
-GAP = 1e-3  # optimality gap at which it stops, the expert's own rule
-IMPROVEMENT = 1e-3  # relative improvement at which it stops, likewise
+MARGIN = 1e-3  # separation required beyond r_col, m: more than the solver's rounding
+GAP = 1e-3  # optimality gap at which it stops, as in the expert
+IMPROVEMENT = 1e-3  # relative improvement at which it stops, as in the expert
 MAX_ROUNDS = 20
 SIGNS = np.full((2, 1), -1.0), np.array([[1.0], [-1.0]])  # rows u - |u| ≤ 0 and -u - |u| ≤ 0
 
@@ -62,13 +62,12 @@ class PlainScp:
         self._within = within
 
     def solve(self, scenario: Scenario, seed: Seed | None = None) -> Plan:
-        """The cheapest plan that is clear at the nodes, when its iterates no longer improve.
+        """Iterate until fuel no longer improves; the cheapest plan without node collisions.
 
-        The seed is node states to linearize about at first, m and m/s. Without one the start is
-        blank: all states are zero, so no pair has a direction of its own, and every pair is told to
-        pass radially, the craft of the lower number above. The plan is UNSOLVED where no iterate
-        was clear at the nodes: then it holds the newest one. InputError for another n or problem,
-        or a seed that is not one.
+        The seed is node states to linearize about at first, m and m/s. Without one all states are
+        zero, so no pair has a direction of its own, and every pair is made to pass radially, the
+        craft of lower index above. The plan is UNSOLVED, with the newest iterate, where
+        none was clear at the nodes. InputError for another n or problem, or an invalid seed.
         """
         started = perf_counter()
         if (scenario.n, scenario.problem) != (self.n, self.problem):
@@ -80,7 +79,7 @@ class PlainScp:
         reference = blank if seed is None else checked_seed(scenario, seed)
         optima = decoupled_optima(scenario.initial, scenario.goal, self.problem)
         bound, proof = optima.bound()
-        # Solve and linearize anew until an iterate that is clear at the nodes is good enough.
+        # Solve and linearize anew until an iterate without node collisions is good enough.
         best, least, solves = optima.controls, np.inf, 0
         while solves < MAX_ROUNDS:
             solves += 1
@@ -118,7 +117,7 @@ class PlainScp:
         cost[:bounds] = 1.0
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        # Which factorises these programs in a sixth of the time that Clarabel's choice takes.
+        # This factorizes these programs in a sixth of the time that Clarabel's default takes.
         settings.direct_solve_method = "qdldl"
         cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(b) - equalities)]
         flat = _zeros(len(cost), len(cost)).tocsc()

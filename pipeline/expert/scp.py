@@ -1,20 +1,20 @@
 """Sequential convex programming over clusters of craft in conflict.
 
-The decoupled optimum of every craft comes first: it is the lower bound, and craft without conflict
-keep it. Craft that come too close form clusters, and each cluster is solved jointly with
-half-space cuts linearized about a trajectory; of a large one, from some round on, only craft near
-unsafe ones are solved for, with the controls of all others fixed. The iteration cannot cycle:
+The decoupled optimum of every craft comes first: it gives the lower bound, and craft without
+conflict keep it. Craft that come too close form clusters, and each cluster is solved jointly with
+half-space cuts linearized about a trajectory; in a large one, from some round on, only craft near
+unsafe ones are variables, with the controls of all others fixed. The iteration cannot cycle:
 
 - cuts, once made, are kept;
-- as long as the linearization point breaks a cut, the newest iterate takes its place;
+- as long as the linearization point violates a cut, the newest iterate takes its place;
 - once it satisfies all of them it is feasible for every later program, so it is kept until a
   program's optimum proves safe at all times; that iterate costs no more, and is the next
   linearization point. One that costs as much all the same, by the margin or by rounding, ends its
   cluster's search.
 
-A cluster whose program the solver fails at keeps what it has; the others go on. The search ends
-with the cheapest iterate of each scenario that it has seen safe as a whole. Scenarios are searched
-side by side: operations on all craft act on all scenarios at once.
+A cluster whose program fails keeps its iterate; the others go on. The search ends with the
+cheapest iterate of each scenario that was safe as a whole. Scenarios are searched together:
+operations on all craft act on all scenarios at once.
 """
 
 from collections.abc import Sequence
@@ -43,13 +43,13 @@ from pipeline.orbit.thrust_cost import exceeded_limits
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan import Requirements, gap_of
 
-SEED_LOOK = 15.0  # pairs in a seed within this of the collision radius are cut from the start, m
-SHIFT = 1.5  # by how much further starts move the first gaps at random, in collision radii
+SEED_LOOK = 15.0  # pairs of a seed nearer than this plus the collision radius are cut at once, m
+SHIFT = 1.5  # standard deviation of further starts' random shifts of gaps, in collision radii
 PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut that can be met
 MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
 
-STILL = 1e-10  # share of a typical control up to which a change of one moves no craft
-LARGE = 200  # craft of a cluster from which on only pairs of craft that moved are judged anew
+STILL = 1e-10  # share of a typical control up to which a change of a control is none
+LARGE = 200  # craft of a cluster from which on only pairs of craft that changed are checked again
 
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
@@ -62,9 +62,9 @@ class SearchProblem:
 
     batch: Batch  # the scenarios
     settings: Settings  # of the expert
-    requirements: Requirements  # what the plans must satisfy, but for a risk
-    back_off: BackOff | None = None  # beyond the collision radius, because craft err
-    whole_burns: bool = False  # whether programs know the smallest impulse bit
+    requirements: Requirements  # what the plans must satisfy, without a risk limit
+    back_off: BackOff | None = None  # beyond the collision radius, because of errors
+    whole_burns: bool = False  # whether programs have the smallest impulse bit
 
     @cached_property
     def detection(self) -> ConflictDetection:
@@ -81,10 +81,10 @@ class SearchProblem:
 
 
 class Search:
-    """The state of one search; ``run`` does all of it.
+    """A search and its state; ``run`` executes it.
 
-    It is linearized at first about seeds, else about decoupled optima. Further starts, from 1 on,
-    pass on other sides at first.
+    It is linearized at first about seeds, or else about decoupled optima. Further starts, numbered
+    from 1, first shift gaps at random, so that craft pass on other sides.
     """
 
     def __init__(self, task: SearchProblem, seeds: Seeds | None = None, start: int = 0) -> None:
@@ -92,7 +92,7 @@ class Search:
         self.problem, self.swarm = self.batch.problem, self.batch.swarms.label
         self.provable = self.problem.collision_radius + PROVABLE
         # Craft whose part of the reference is known to be safe, whose cluster is not done, and
-        # whose cluster's program the solver failed at.
+        # whose cluster's program failed.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
         self.iterate = self._propagated(self.batch.optima.controls)  # the newest trajectory
         # The linearization point.
@@ -102,27 +102,27 @@ class Search:
         in_conflict = self._scenarios(cuts.first)
         if seeds is not None:
             cuts += self._seeded(seeds, in_conflict)
-        # What each cut asks for beyond radius and margin, m; its dual in the last program that had
-        # it, m/s² per m; and radius and margin, m.
+        # For each cut: separation required beyond radius and margin, m; its dual variable in its
+        # last program, m/s² per m; radius plus margin, m.
         self.back_off, self.dual, self.separation = np.zeros((3, 0))
         self.bases = Bases(self.batch.optima.basis, 3 * self.problem.intervals)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
-        # Controls as they were when pairs were last judged, and craft that were unsafe then.
+        # Controls when pairs were last checked, and craft that were unsafe then.
         self.judged, self.unsafe = self.iterate.controls.copy(), self.active.copy()
         self.shift = self._first_shift(start)
         self.incumbents.update(self.iterate.controls, ~in_conflict)
 
     def _scenarios(self, craft: Indices | CraftMask) -> Bool[Array, "scenarios"]:
-        """The scenarios that some craft are of."""
+        """Mask of the scenarios to which some craft belong."""
         there = np.zeros(len(self.batch.scenarios), dtype=bool)
         there[self.swarm[craft]] = True
         return there
 
     def _seeded(self, seeds: Seeds, in_conflict: Bool[Array, "swarms"]) -> Cuts:
-        """Linearize scenarios in conflict about their seeds, and cut what comes close there.
+        """Linearize scenarios in conflict about their seeds, and return cuts of close pairs there.
 
-        A seed that is safe as it flies is the first iterate: no plan that follows is dearer.
+        A seed that is safe as flown is the first incumbent, so no result costs more.
         """
         chosen = {k: seed for k, seed in enumerate(seeds) if seed is not None and in_conflict[k]}
         if not chosen:
@@ -145,7 +145,7 @@ class Search:
         return near
 
     def _first_shift(self, start: int) -> Vectors | float:
-        """Random shift of the first gaps: other sides, above all where craft would meet head on."""
+        """Random shifts of the first gaps, which change the sides on which craft pass."""
         if not start:
             return 0.0
         shift = np.zeros((len(self.cuts), 3))
@@ -156,7 +156,7 @@ class Search:
         return shift
 
     def run(self) -> list[SearchResult]:
-        """Solve and judge until every cluster is done."""
+        """Solve and check until every cluster is done."""
         most = self.settings.max_rounds
         if self.task.requirements.passive_safety is not None:
             most = min(most, MOST_ROUNDS_PASSIVE)
@@ -172,7 +172,7 @@ class Search:
         return self.incumbents.results(self.iterate.controls, self.cuts, self.active & ~kept)
 
     def _exceeding_limits(self, controls: Controls) -> CraftMask:
-        """Craft that burn more than they can."""
+        """Mask of the craft whose controls exceed their limits."""
         if self.batch.limits is None:
             return np.abs(controls).max(axis=(1, 2)) > control_limit(self.problem)
         found = exceeded_limits(controls, self.batch.limits, self.problem)
@@ -190,7 +190,7 @@ class Search:
         return Trajectory(exact, fly(initial, exact, self.problem))
 
     def _objective(self, flown: Trajectory, craft: Cluster) -> float:
-        """What is to be least of a cluster's trajectory, m/s²."""
+        """The objective of a cluster's trajectory, m/s²."""
         return self.batch.objective(flown.controls[craft], craft)
 
     def _set_cuts(self, cuts: Cuts) -> None:
@@ -201,18 +201,18 @@ class Search:
         self.separation = np.append(self.separation, radius + margin)
         self.back_off = np.append(self.back_off, beyond)
         self.dual = np.append(self.dual, np.zeros(len(beyond)))
-        # The cluster of each craft.
+        # The cluster of each craft, and the cuts of each cluster.
         self.labels = cluster_labels(len(self.swarm), cuts.first, cuts.second)
         label = self.labels[cuts.first]
         self.cuts_of = {int(label[one[0]]): one for one in groups(label)}
 
     def _raise_back_off(self, flown: Trajectory) -> None:
-        """Raise back-offs to those of a trajectory; if they fell, burns and errors might cycle."""
+        """Raise back-offs to those of a trajectory; they never fall, or the search might cycle."""
         asked = self.task.detection.back_off_of(self.cuts, flown)
         self.back_off = np.maximum(self.back_off, asked)
 
     def _clusters(self, touched: CraftMask) -> list[Cluster]:
-        """The clusters that some craft are in."""
+        """The clusters of some craft."""
         there = np.zeros(len(self.labels), dtype=bool)
         there[self.labels[touched]] = True
         craft = np.flatnonzero(there[self.labels])
@@ -224,10 +224,10 @@ class Search:
         return apart - self.task.detection.back_off_of(self.cuts, flown)
 
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
-        """Solve each cluster's program, with every cut linearized about the same trajectory.
+        """Solve each cluster's program, with all cuts linearized about the reference.
 
-        Returns the clusters that moved. Where the solver fails, or where a safe iterate is known
-        and the program's is no cheaper, the cluster is done and goes back to what it has.
+        Returns the clusters that did not fail. Where the solver fails, or a safe iterate is known
+        and the program's optimum is no cheaper, the cluster is done and keeps its iterate.
         """
         self._raise_back_off(self.reference)
         normal = normals(self.cuts, self.reference.states, self.reference.controls, self.shift)
@@ -253,10 +253,10 @@ class Search:
     def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
         """Solve a cluster's program, or subproblems of a large one.
 
-        Where these leave slack, craft further away may have to move as well.
+        Where these leave slack, larger ones follow, with craft further away.
         """
         cuts, near = self.cuts_of[int(craft[0])], self.unsafe
-        # In the largest share all craft count.
+        # The largest share depends on all craft.
         divisible = len(craft) >= VAST and self.batch.weight is None
         for _ in range(2):
             parts = neighbourhoods(craft, self.cuts[cuts], near) if divisible else []
@@ -288,7 +288,7 @@ class Search:
         return float(best.slack.max()) > SLACK_TOLERANCE
 
     def _keep(self, craft: Cluster, cuts: Int[Array, "_"], best: Optimum) -> None:
-        """Make a program's optimum the newest iterate of its craft; note duals and slack."""
+        """Make a program's optimum the newest iterate of its craft, and note duals and slack."""
         self.iterate.controls[craft] = best.controls.reshape(len(craft), -1, 3)
         self.dual[cuts] = best.dual
         k = int(best.slack.argmax())
@@ -303,7 +303,7 @@ class Search:
         planes: HalfSpaces,
         last: Basis | None = None,
     ) -> Optimum:
-        """Solve one program, of half-spaces between craft by their indices in it."""
+        """Solve one program; craft of half-spaces are given by their indices in it."""
         batch, basis = self.batch, self.batch.optima.basis
         sub = Subproblem(
             reach=transfer_maps(self.problem).reach[-1],
@@ -337,12 +337,12 @@ class Search:
         return by_cones(made)
 
     def _go_back(self, craft: Cluster) -> None:
-        """End a cluster's search with its safe iterate; it is judged again, since others moved."""
+        """End a cluster's search with its safe iterate, which is checked again, as others moved."""
         self.iterate.controls[craft] = self.reference.controls[craft]
         self.active[craft] = False
 
     def _fail(self, craft: Cluster, why: str) -> None:
-        """End the search of a cluster that failed, with its safe iterate where it has one."""
+        """End the search of a cluster that failed, with its safe iterate if it has one."""
         self.incumbents.note_failure(int(craft[0]), why)
         if self.accepted[craft].all():
             self._go_back(craft)
@@ -350,7 +350,7 @@ class Search:
             self.active[craft], self.failed[craft] = False, True
 
     def _judge(self, clusters: list[Cluster]) -> None:
-        """Accept the clusters whose new iterate is safe, and cut the others where it is not."""
+        """Accept clusters whose new iterate is safe, and add cuts to the others."""
         moved = self._moved(clusters)
         within = self.settings.looked_at(self.problem.collision_radius)
         found, bound = self.task.detection.conflicts(self.iterate, within, moved)
@@ -370,9 +370,9 @@ class Search:
             self._choose_reference(unsafe)
 
     def _moved(self, clusters: list[Cluster]) -> CraftMask:
-        """Craft whose pairs are judged anew: of clusters that moved.
+        """Mask of the craft whose pairs are checked again: those of clusters that moved.
 
-        Of large clusters only craft that did since they were judged, and unsafe ones.
+        In large clusters only craft that changed since their last check, and unsafe ones.
         """
         moved = np.zeros(len(self.swarm), dtype=bool)
         moved[np.concatenate(clusters)] = True
@@ -385,17 +385,17 @@ class Search:
         return moved
 
     def _predicted_gains(self) -> Float[Array, "n"]:
-        """What linearizing about the newest iterate can gain in each cluster, to first order.
+        """First-order estimate of the gain of each cluster by linearizing about the newest iterate.
 
-        A cut held the pair to the separation along its old normal; along the new one the pair is
-        further apart, by a surplus that is worth the cut's dual variable.
+        A cut kept the separation along its old normal; the pair's distance exceeds it by a surplus,
+        and a metre of that gains the cut's dual variable.
         """
         surplus = self._distances(self.iterate) - self.separation
-        worth = self.dual * np.maximum(surplus, 0.0)
-        return np.bincount(self.labels[self.cuts.first], worth, len(self.swarm))
+        gain = self.dual * np.maximum(surplus, 0.0)
+        return np.bincount(self.labels[self.cuts.first], gain, len(self.swarm))
 
     def _accept(self, craft: Cluster, predicted: float) -> None:
-        """Linearize about a safe iterate from now on; done where that promises no more."""
+        """Linearize about a safe iterate from now on; done where little gain is predicted."""
         settings, fuel = self.settings, self._objective(self.iterate, craft)
         before = self._objective(self.reference, craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf

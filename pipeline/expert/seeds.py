@@ -1,4 +1,4 @@
-"""Seeds that need no network: trajectories that the expert's first cuts are linearized about."""
+"""Seeds without networks: trajectories about which the expert's first cuts are linearized."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ Seed = States
 
 
 def line_seed(scenario: Scenario) -> Seed:
-    """The straight line between the two states of each craft, the paper's Manual(linear)."""
+    """The straight line between each craft's two states, the paper's Manual(linear)."""
     return straight_line(scenario.initial, scenario.goal, scenario.problem.nodes)
 
 

@@ -1,9 +1,9 @@
-"""Solvers of the convex subproblem: HiGHS' dual simplex method, the fast one, and Clarabel.
+"""Solvers of the convex subproblem: HiGHS' dual simplex method, which is faster, and Clarabel.
 
-The simplex method begins with the decoupled optimum of every craft, whose basis is known by table.
-That basis is dual feasible, since half-spaces that are not in it have a dual variable of zero, so
-what is left are the pivots that move craft apart. Clarabel's interior points need no basis; they
-also solve what is not linear, and are the reference for the simplex method.
+The simplex method starts from the decoupled optimum of every craft, whose basis a table gives.
+That basis is dual feasible, since half-spaces then have dual variables of zero, so only the pivots
+that move craft apart are left. Clarabel's interior-point method needs no basis; it also solves cone
+programs, and is the reference for the simplex method.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ OPTIONS = {
     "simplex_scale_strategy": 0,  # these programs are scaled
 }
 
-LONG = 1000  # half-spaces from which on a program may take seconds, or minutes
-CHECK_SECONDS = 0.1  # how often signals are answered meanwhile
+LONG = 1000  # half-spaces from which on a program may take seconds or minutes
+CHECK_SECONDS = 0.1  # interval at which signals are handled meanwhile
 
 _LOWER, _BASIC = highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic
 ROWWISE, _MINIMIZE = int(highspy.MatrixFormat.kRowwise), int(highspy.ObjSense.kMinimize)
@@ -34,9 +34,10 @@ _thread = local()
 
 
 def by_simplex(sub: Subproblem) -> Optimum:
-    """The optimum of a subproblem by the dual simplex method.
+    """Solve a subproblem by the dual simplex method.
 
-    UnsolvableError where there is none: with slack, only a thrust limit can make it infeasible.
+    UnsolvableError where there is no optimum: with slack, only a thrust limit can make it
+    infeasible.
     """
     solver, (n, m, k) = _highs(), sub.shape
     most = np.full(2 * n * m + k, np.inf)
@@ -57,7 +58,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
     run(solver, long=k >= LONG)
     status = solver.getModelStatus()
     if status != highspy.HighsModelStatus.kOptimal and sub.last is not None:
-        return by_simplex(replace(sub, last=None))  # whose basis is dual feasible for sure
+        return by_simplex(replace(sub, last=None))  # starts from a basis that is dual feasible
     if status != highspy.HighsModelStatus.kOptimal:
         reason = solver.modelStatusToString(status)
         raise UnsolvableError(f"the simplex method stopped with {reason}")
@@ -75,14 +76,14 @@ SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {
 
 
 def _highs() -> highspy.Highs:
-    """A solver of this thread, made once."""
+    """The solver of this thread, made once."""
     if not hasattr(_thread, "solver"):
         _thread.solver = new_highs(**OPTIONS)
     return _thread.solver
 
 
-class _SilentHighs(highspy.Highs):  # type: ignore[misc]  # has no types
-    """HiGHS without any output; from version 1.16 on it prints a header as it is made."""
+class _SilentHighs(highspy.Highs):  # type: ignore[misc]  # untyped
+    """HiGHS without any output; from version 1.16 on its constructor prints a header."""
 
     def enableCallbacks(self) -> None:  # noqa: N802
         self.silent()
@@ -110,7 +111,7 @@ def run(solver: highspy.Highs, *, long: bool) -> None:
     except BaseException:
         solver.cancelSolve()
         solver.wait()
-        vars(_thread).clear()  # once interrupted, HiGHS interrupts whatever it is given next
+        vars(_thread).clear()  # once interrupted, HiGHS would interrupt all later programs
         raise
     finally:
         solver.HandleUserInterrupt = False
@@ -138,7 +139,7 @@ def _basis(sub: Subproblem, decoupled: Int[Array, "n 6"]) -> highspy.HighsBasis:
 
 
 def _basis_of(last: Basis) -> highspy.HighsBasis:
-    """A basis that is known, for HiGHS."""
+    """Convert a known basis for HiGHS."""
     goals = [_LOWER] * (6 * len(last.controls))
     columns = np.concatenate([last.controls.ravel(), last.slack]).tolist()
     basis = highspy.HighsBasis()
@@ -149,7 +150,7 @@ def _basis_of(last: Basis) -> highspy.HighsBasis:
 
 
 def _last(sub: Subproblem, found: highspy.HighsBasis) -> Basis | None:
-    """The basis that HiGHS ended with; None where a goal's row is in it."""
+    """Convert HiGHS' final basis; None where the row of a goal is basic."""
     n, m, _ = sub.shape
     column, row = (
         np.array([one == _BASIC for one in some]) for some in (found.col_status, found.row_status)

@@ -1,14 +1,14 @@
-"""The convex subproblem, and its form as a linear program: what the SCP solves again and again.
+"""The convex subproblem that each round of the SCP solves, and its form as a linear program.
 
     minimise    Σᵢ ‖uᵢ‖₁ + penalty · Σ slack
-    subject to  reach uᵢ = missᵢ                                  every craft meets its goal
+    subject to  reach uᵢ = missᵢ                                  every craft reaches its goal
                 rowₖ · uᵢ - otherₖ · uⱼ + slackₖ ≥ requiredₖ       half-spaces, Eq. 5 linearized
                 slack ≥ 0
                 |uᵢ| ≤ limit
 
 States are eliminated: the controls are the only variables. A half-space for the pair (i, j) at
 one time is n̂ᵀ(pᵢ - pⱼ) ≥ r, with n̂ the direction between the two at the linearization point; by
-Cauchy-Schwarz whatever satisfies it is at least r apart at that time.
+Cauchy-Schwarz a pair that satisfies it is at least r apart at that time.
 
 In the linear program each control is split into its positive and negative part, u = p - q with
 p, q ≥ 0, so that ‖u‖₁ is linear. Its variables are p and q of each craft in turn, then the slacks;
@@ -38,7 +38,7 @@ class UnsolvableError(ProlearnError):
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """A basis of the linear program in which no goal row is basic: what else is."""
+    """A basis of the linear program in which no goal row is basic, as masks of what is."""
 
     controls: Bool[Array, "n both"]  # of each craft's positive and negative parts, 2m
     slack: Bool[Array, "k"]  # of the half-spaces' slacks
@@ -50,9 +50,9 @@ class Optimum:
     """Solution of a subproblem."""
 
     controls: Float[Array, "n m"]  # flattened controls of each craft, m/s²
-    slack: Values  # by how much each half-space is missed, m
-    dual: Values  # what a metre more of each half-space would cost, m/s² per m
-    basis: Basis | None = None  # where it was asked for and is one
+    slack: Values  # violation of each half-space, m
+    dual: Values  # dual variables of half-spaces, m/s² per m
+    basis: Basis | None = None  # where ``last`` was given and the final basis is of this kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Subproblem:
 
     # effect of a craft's flattened controls on its final state, and on those at waypoints
     reach: Float[Array, "r m"]
-    miss: Float[Array, "n r"]  # change of these that each craft's controls must bring about
+    miss: Float[Array, "n r"]  # change of these states that each craft's controls must produce
     first: Indices  # craft of each half-space
     second: Indices
     row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²
@@ -69,15 +69,15 @@ class Subproblem:
     limit: float  # largest component of a control, m/s², or infinity
     penalty: float  # cost of a metre of slack, m/s²
     unit: float  # size of a typical control, m/s², which makes the solver's numbers of order one
-    # basic variables of each craft's decoupled optimum, where they are known: the number of a
-    # control, or m more where it acts in the negative direction
+    # basic variables of each craft's decoupled optimum, where they are known: the index of a
+    # control, plus m where it acts in the negative direction
     basis: Int[Array, "n 6"] | None = None
-    last: Basis | None = None  # to begin with instead; then the optimum's is asked for, too
-    # effect of the second craft's controls against the normal; None where it is ``row``, as it is
-    # for two craft that fly their plans
+    last: Basis | None = None  # to start from instead; then the optimum has its basis, too
+    # effect of the second craft's controls against the normal; None where it is ``row``, as for two
+    # craft that fly their plans
     other: Float[Array, "k m"] | None = None
-    # where thrust is more than axes with one limit: what it is, what each craft can do, the length
-    # of an interval, s, and the weight of each craft's fuel in the largest share
+    # for cone programs: the thruster model, limits of each craft, the time step, s, and the weight
+    # of each craft's fuel in the largest share
     thrust: Thrust = ALONG_AXES
     limits: Limits | None = None
     time_step: float = 1.0
@@ -86,12 +86,12 @@ class Subproblem:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Craft n, controls of each m, half-spaces k."""
+        """Numbers of craft n, of control components of each m, and of half-spaces k."""
         return len(self.miss), self.reach.shape[1], len(self.required)
 
     @cached_property
     def goal_scale(self) -> Float[Array, "r"]:
-        """Factors on the goals that make their rows of order one."""
+        """Factors that scale the rows of goals to order one."""
         return 1 / (np.sqrt(np.square(self.reach).sum(axis=1)) * self.unit)
 
     def cost(self) -> Float[Array, "v"]:

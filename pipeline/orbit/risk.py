@@ -1,15 +1,16 @@
 """A bound on the probability that any pair of a swarm ever comes within the collision radius r.
 
 Derived in ``docs/risk.md``: at some times a pair has a check X = n·Δp - r - η along the direction n
-in which it is likeliest to meet, with a margin η for the turn of n and the bend of the motion until
-the next. A pair that meets fails the first check or one after another that holds,
+in which a collision is likeliest, with a margin η for the rotation of n and the curvature of the
+motion until the next check. A pair that collides fails the first check, or one after a check that
+it passes,
 
     P(some ‖Δp‖ < r) ≤ P(X₀ < 0) + Σ P(Xₖ ≥ 0 > Xₖ₊₁),
 
 and pairs are summed (Boole's inequality). Where errors are larger than r in one direction there are
-checks on both sides along it, X and Y = -n·Δp - r - η, and the less of both bounds counts. How far
-errors may take η, and which times need no check, holds for all times at once but with the
-probability P(χ²_J ≥ K²), of J standard normals, which is added.
+checks on both sides along it, X and Y = -n·Δp - r - η, and the smaller of both bounds is taken.
+The margins η, and the choice of times without checks, are valid at all times except with the
+probability P(χ²_J ≥ K²), of J standard normal variables, which is added.
 """
 
 from dataclasses import dataclass, replace
@@ -23,14 +24,14 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
 from pipeline.orbit.problem import Problem
 
-FAR = 1e-12  # probability, over all pairs, of deviations beyond the size that is looked at
-ACCURACY = 0.02  # share of the sum that margins may still make up, estimated from above
-COARSE = 1.0  # width of the bracket of least separations of pairs that may be near, m
-SHORTEST = 1e-9  # share of an interval that is not halved: what is safe by rounding alone
-MOST_PANELS = 200_000  # which bounds the memory that it takes
-ROUNDING = 1e-15  # of the probability of a panel
+FAR = 1e-12  # probability, over all pairs, of deviations beyond K, which are not examined
+ACCURACY = 0.02  # share of the sum that margins may contribute, by an upper estimate
+COARSE = 1.0  # tolerance of least separations in the search for pairs that may be near, m
+SHORTEST = 1e-9  # share of an interval below which panels are not halved
+MOST_PANELS = 200_000  # which bounds memory
+ROUNDING = 1e-15  # rounding error of the probability of a panel
 TINY = 1e-100  # divisor in place of 0
-APART = 1e-30  # least distance in m that has a direction
+APART = 1e-30  # least distance, m, between points with a direction
 NEWTON_STEPS = 8  # more than enough near the likeliest point; any direction gives a bound
 
 
@@ -38,17 +39,17 @@ NEWTON_STEPS = 8  # more than enough near the likeliest point; any direction giv
 class CollisionRisk:
     """Bounds on the probability that pairs come within the collision radius."""
 
-    first: Int[Array, "p"]  # first craft of each pair that is ever near, of lower index
+    first: Int[Array, "p"]  # first craft, of lower index, of each pair with a risk
     second: Int[Array, "p"]  # second craft
     of_pair: Float[Array, "p"]  # bound of each
-    # risk at the first or the last node, the larger, which only other errors change
+    # bound at the first or the last node, the larger, on which the plan has little influence
     at_ends: Float[Array, "p"]
     total: float  # bound for any pair of the swarm at any time, with the risk of saturation
-    saturation: float = 0.0  # that feedback asks for more than the thrust limit, of any craft
+    saturation: float = 0.0  # bound on the probability that feedback exceeds a thrust limit
     corrections: float = 0.0  # mean fuel that feedback adds to the plan's, of all craft, m/s²
 
 
-Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]  # linear in state and control
+Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]  # from state and control
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +57,19 @@ class _Stretches:
     """Intervals in which pairs may be near, by pair and interval."""
 
     problem: Problem  # dynamics, time step and collision radius
-    pair: Int[Array, "s"]  # number of the pair, in the order of ``pairs``
-    interval: Int[Array, "s"]  # which
+    pair: Int[Array, "s"]  # index of the pair, in the order of ``pairs``
+    interval: Int[Array, "s"]  # index of the interval
     state: Float[Array, "s 6"]  # mean difference of states at the interval's start, m and m/s
     control: Float[Array, "s 3"]  # mean difference of controls, m/s²
-    errors: Float[Array, "s 9 9"]  # covariance of the errors of both
-    near: Float[Array, "s"]  # distance from which the pair is far, m
+    errors: Float[Array, "s 9 9"]  # covariance of the errors of state and control
+    near: Float[Array, "s"]  # distance beyond which the pair needs no check, m
     bend: Float[Array, "s"]  # bound on the mean relative acceleration, m/s²
     stray: Float[Array, "s"]  # bound on the relative acceleration along any direction, m/s²
-    max_sigma: float  # K
-    two_sided: bool = False  # whether checks are along the largest error, and on both sides
+    max_sigma: float  # K, standard deviations that margins allow for
+    two_sided: bool = False  # whether checks are on both sides, along the largest error
 
     def maps(self, which: Indices, share: Values) -> Maps:
-        """Maps to relative positions at shares of the interval."""
+        """Maps to relative positions at times given as shares of the interval."""
         problem = self.problem
         free, pushed = problem.dynamics.step(share * problem.time_step, self.interval[which])
         return free[:, :3], pushed[:, :3]
@@ -83,7 +84,7 @@ class _Stretches:
         return np.vecdot(np.vecmat(first, self.errors[which]), second)
 
     def directions(self, which: Indices, share: Values) -> Vectors:
-        """Directions of checks at shares of the interval: in which pairs are likeliest to meet."""
+        """Directions of checks at shares of the interval: where collisions are likeliest."""
         maps = self.maps(which, share)
         both = np.concatenate(maps, axis=-1)
         spread = both @ self.errors[which] @ both.mT
@@ -99,7 +100,7 @@ class _Stretches:
         middle = (panels.begin + panels.width / 2) * self.problem.time_step
         A, B = self.problem.dynamics.step(middle, self.interval[at])
         mean = np.matvec(A, self.state[at]) + np.matvec(B, self.control[at])
-        moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # at most, from there
+        moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # bound on the motion from there
         near = norm(mean[:, :3]) - moved < self.near[at]
         if not self.two_sided:
             return near
@@ -118,16 +119,16 @@ class _Stretches:
 
 @dataclass(frozen=True, eq=False)
 class _Panels(Rows):
-    """Times between two checks, by stretch and time."""
+    """Times between two successive checks, sorted by stretch and time."""
 
-    stretch: Int[Array, "q"]  # which
-    begin: Float[Array, "q"]  # when each begins, as a share of the interval
-    width: Float[Array, "q"]  # how long it is, as a share of the interval
+    stretch: Int[Array, "q"]  # index of the stretch
+    begin: Float[Array, "q"]  # begin, as a share of the interval
+    width: Float[Array, "q"]  # length, as a share of the interval
     first: Float[Array, "q 3"]  # direction of the check at its begin
-    last: Float[Array, "q 3"]  # of the one at its end
+    last: Float[Array, "q 3"]  # direction of the check at its end
 
     def joined(self, stretches: _Stretches) -> Bool[Array, "q"]:
-        """Whether each begins with the check that the one before ends with."""
+        """Whether each panel begins with the check at the end of the panel before."""
         at, before, begin = self.stretch[1:], self.stretch[:-1], self.begin[1:]
         end = self.begin[:-1] + self.width[:-1]
         across = stretches.pair[at] == stretches.pair[before]
@@ -136,7 +137,7 @@ class _Panels(Rows):
         return np.append(False, (at == before) & (begin == end) | across)[: len(self)]
 
     def halved(self, split: Bool[Array, "q"], stretches: _Stretches) -> "_Panels":
-        """Some of them in two halves, with a check between."""
+        """The panels, with some split in two halves and a check between them."""
         parts = np.repeat(np.arange(len(self)), 1 + split)
         second = np.append(False, parts[1:] == parts[:-1])
         first = np.append(second[1:], False)
@@ -163,7 +164,7 @@ def collision_risk(
 def dispersed_risk(
     states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> CollisionRisk:
-    """The risk with any dispersion, as of craft whose orbits are known by their covariances."""
+    """The risk with any dispersion, such as that of craft with known covariances."""
     i, j = pairs(len(states))
     beyond, added = _feedback(controls, spread, problem.most_control)
     if len(i) == 0:
@@ -185,9 +186,9 @@ def dispersed_risk(
 
 
 def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[float, float]:
-    """Bound on the probability that feedback asks for a component beyond ``most``, m/s².
+    """Bound on the probability that feedback commands a component above ``most``, m/s².
 
-    And the mean fuel that it adds to that of the controls, E|u + σξ| - |u|, m/s².
+    And the mean fuel that it adds, E|u + σξ| - |u| summed, m/s².
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
@@ -223,18 +224,18 @@ def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> V
 def sigma_levels(
     node: int, first: Indices, second: Indices, states: States, spread: Dispersion, distance: float
 ) -> Values:
-    """How many standard deviations pairs are further apart than a distance, m, at a node."""
+    """Standard deviations by which separations of pairs at a node exceed a distance, m."""
     gap, covariance = _at_node(node, first, second, states, spread)
-    apart = norm(gap)
-    sigma = standard_deviation(gap / np.maximum(apart, TINY)[:, None], covariance)
-    return (apart - distance) / np.maximum(sigma, TINY)
+    separation = norm(gap)
+    sigma = standard_deviation(gap / np.maximum(separation, TINY)[:, None], covariance)
+    return (separation - distance) / np.maximum(sigma, TINY)
 
 
 def _stretches(
     states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> tuple[_Stretches, Int[Array, "b"]]:
-    """Where pairs may be near, and the broken pairs: their planned motion itself is too close."""
-    # Checks on one side say nothing about a broken pair, whose risk is 1 unless errors are large.
+    """Stretches in which pairs may be near, and the pairs whose plan itself comes too close."""
+    # Checks on one side bound nothing for such pairs, whose risk is 1 unless errors are large.
     from scipy.special import gammainccinv  # slow to import, and only a risk needs it
 
     n, normals = len(spread.state), spread.state.shape[3] + spread.thruster_normals
@@ -267,14 +268,14 @@ def _stretches(
 
 
 def _numbers(found: Approaches, n: int) -> Indices:
-    """Number of each approach's pair, in the order of ``pairs``."""
+    """Index of each approach's pair, in the order of ``pairs``."""
     i, j = found.first, found.second
     return i * (2 * n - i - 1) // 2 + j - i - 1
 
 
 def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Values, int]:
-    """Bound of each of so many pairs by some stretches, and the number of terms."""
-    # Panels are halved where their margins may add to the sum more than their share of ACCURACY.
+    """Bound of each of ``count`` pairs, by some of the stretches, and the number of terms."""
+    # Panels are halved whose margins may contribute more to the sum than their share of ACCURACY.
     which = np.flatnonzero(some)
     begin, width = np.zeros(len(which)), np.ones(len(which))
     ends = stretches.directions(which, begin), stretches.directions(which, width)
@@ -295,7 +296,7 @@ def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Va
 def _failure_probability(
     panels: _Panels, stretches: _Stretches
 ) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
-    """Probability of failing a check after one that holds, or the first, and its margins' part."""
+    """Probability of failing each panel's check, and the part that margins add."""
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
     at, radius = panels.stretch, stretches.problem.collision_radius
@@ -318,7 +319,7 @@ def _failure_probability(
     margin = stretches.stray[at] * width**2 / 8 + turning / 4
     joined = panels.joined(stretches)
     goes_on = np.append(joined[1:], False)[: len(joined)]
-    # Both panels beside a check want their margin kept.
+    # A check has the larger margin of the two panels beside it.
     margin_first = np.where(joined, np.maximum(margin, np.roll(margin, 1)), margin)
     margin_last = np.where(goes_on, np.maximum(margin, np.roll(margin, -1)), margin)
     first, last = along(panels.first, here), along(panels.last, there)
@@ -326,7 +327,7 @@ def _failure_probability(
     variances = [np.maximum(stretches.covariance(at, one, one), 0.0) for one in (first, last, step)]
     apart = np.vecdot(panels.first, start) - radius
     apart_last = np.vecdot(panels.last, end) - radius
-    # Between two intervals motion as flown jumps; the check is half way, its margin as much larger.
+    # Rounding lets the motion jump between two intervals; the check is half-way, with more margin.
     jump = np.where(joined, apart - np.roll(apart_last, 1), 0.0) / 2
     jump_last = -np.where(goes_on, np.roll(jump, -1), 0.0)
     apart, apart_last = apart - jump, apart_last - jump_last
@@ -344,7 +345,7 @@ def _failure_probability(
         begins -= ndtr(beyond[0] / sigma)
     chance += np.where(joined, 0.0, begins)
     least = 1 / radius if stretches.two_sided else 0.0
-    # A normal variable's tail at z grows by z times what z shrinks by, as a share.
+    # As z falls, the normal tail at z grows, relatively, by about z times the change of z.
     share = [
         np.maximum(np.maximum(gap / s, 1.0) / s, least)
         for gap, s in ((apart, sigma), (apart_last, sigma_last))
@@ -356,10 +357,10 @@ def _failure_probability(
 def crossing_probability(
     mean: Values, variance: Values, step: Values, mixed: Values, step_variance: Values
 ) -> Values:
-    """P(X ≥ 0, X + D < 0) of jointly Gaussian X and D, by Owen's T function.
+    """P(X ≥ 0, X + D < 0) for jointly Gaussian X and D, by Owen's T function.
 
-    Owen 1956, "Tables for computing bivariate normal probabilities". Means and variances are of X
-    and of the step D, since X + D may be all but X itself; ``mixed`` is their covariance.
+    Owen 1956, "Tables for computing bivariate normal probabilities". Means and variances are those
+    of X and of the step D, since X + D may be nearly X itself; ``mixed`` is their covariance.
     """
     from scipy.special import ndtr, owens_t  # slow to import, and only a risk needs it
 
@@ -378,10 +379,10 @@ def crossing_probability(
 
 
 def likeliest_direction(mean: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Vectors:
-    """Unit vectors to the points of a sphere at which Gaussian points outside it are likeliest.
+    """Unit vectors to the likeliest points, on a sphere, of Gaussians with means outside it.
 
-    The plane through the likeliest point q of the sphere that is square to it is the one that the
-    most standard deviations lie before (the first-order reliability method). Lagrange's rule gives
+    The tangent plane at the likeliest point q of the sphere is the one that is the most standard
+    deviations away (first-order reliability method). Lagrange's rule gives
     (1 + μ Σ) q = mean, with μ from ‖q‖ = radius by Newton's method on 1/‖q‖. Means and the radius
     in m, covariances in m².
     """

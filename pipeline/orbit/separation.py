@@ -22,11 +22,11 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import free_drift
 
-ROUNDING = 1e-14  # share of the largest coordinate that a distance may be off by, with some room
+ROUNDING = 1e-14  # bound on the rounding error of a distance, as a share of the largest coordinate
 
 
 def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch p T"]:
-    """Distance in m of every pair at every node."""
+    """Separation, m, of every pair at every node."""
     i, j = pairs(states.shape[-3])
     return norm(states[..., i, :, :3] - states[..., j, :, :3])
 
@@ -34,7 +34,7 @@ def node_distances(states: Float[Array, "*batch n T 6"]) -> Float[Array, "*batch
 def node_collisions(
     states: Float[Array, "*batch n T 6"], collision_radius: float
 ) -> Int[Array, "*batch"]:
-    """f_col of Eq. 5: pairs and nodes with a distance of at most r_col."""
+    """f_col of Eq. 5: number of pairs and nodes with a distance of at most r_col."""
     if states.shape[-3] <= FEW:
         return np.asarray((node_distances(states) <= collision_radius).sum(axis=(-2, -1)))
     each = states.reshape(-1, *states.shape[-3:])
@@ -60,13 +60,13 @@ def swarm_node_collisions(
 
 @dataclass(frozen=True)
 class Separation:
-    """The least separation of any pair at any time; infinite for a craft alone."""
+    """The least separation of any pair at any time; infinite for a single craft."""
 
     distance: float = np.inf  # the separation attained, m
     bound: float = np.inf  # proven lower bound on it, m; at most a bracket below
     pair: tuple[int, int] | None = None  # the two craft; a drifting one first
     time: float | None = None  # when, s since the first node
-    node: int | None = None  # at which the first lost its thrust; the last: both are at their goals
+    node: int | None = None  # at which the first lost its thrust; at the last both drift from goals
 
 
 def least_separations(
@@ -76,8 +76,8 @@ def least_separations(
     swarms: SwarmPartition,
     tolerance: float = TOLERANCE,
 ) -> list[Separation]:
-    """The least distance of any pair of each swarm at any time, in brackets so wide, m."""
-    # The least at the nodes is an upper bound, and the result where rounding hides closer ones.
+    """The least separation of any pair of each swarm at any time, to a tolerance, m."""
+    # The least at the nodes is an upper bound, and the result where no closer one is found.
     least = _closest_at_nodes(states, problem, swarms)
     within = distances_of(least)
     found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
@@ -85,7 +85,7 @@ def least_separations(
 
 
 def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
-    """The least separation of each swarm, m; 0 without a pair, so that none is searched for."""
+    """The least separation of each swarm, m; 0 without a pair, for which nothing is searched."""
     return np.nan_to_num([one.distance for one in least], posinf=0.0)
 
 
@@ -108,30 +108,30 @@ def replace_if_closer(
 
 
 def closest_sampled(
-    apart: Float[Array, "p S"], first: Indices, second: Indices, swarms: SwarmPartition
+    distances: Float[Array, "p S"], first: Indices, second: Indices, swarms: SwarmPartition
 ) -> Iterator[tuple[int, float, int, tuple[int, int]]]:
-    """The closest pair of each swarm that has one, at some times: swarm, distance, time, craft."""
-    least = apart.min(axis=1)
+    """For each swarm with pairs: its index, least distance, index of the time, and the pair."""
+    least = distances.min(axis=1)
     for swarm, k in np.transpose(least_of_each(least, swarms.label[first])).tolist():
         pair = swarms.local_index(swarm, int(first[k])), swarms.local_index(swarm, int(second[k]))
-        yield swarm, float(least[k]), int(apart[k].argmin()), pair
+        yield swarm, float(least[k]), int(distances[k].argmin()), pair
 
 
 def drift_separations(states: Float[Array, "N n 6"], problem: Problem) -> Float[Array, "N"]:
-    """Lower bound on the separation of each formation's craft in an orbit of free drift, m."""
+    """Lower bound on the separation in each formation over an orbit of free drift, m."""
     N, n, _ = states.shape
     drift = free_drift(states.reshape(N * n, 6), problem)
-    return np.array([apart.bound for apart in least_separations(*drift, swarm_partition((n,) * N))])
+    return np.array([found.bound for found in least_separations(*drift, swarm_partition((n,) * N))])
 
 
 def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
-    """Pairs that come within r_col at any time, at nodes or between them."""
+    """Number of pairs that come within r_col at any time, at nodes or between them."""
     found = close_approaches(states, controls, problem, problem.collision_radius)
     return len(np.unique(np.stack([found.first, found.second]), axis=1).T)
 
 
 def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) -> list[Separation]:
-    """The closest pair of each swarm at any node; the bound is lower by what rounding may hide."""
+    """The closest pair of each swarm at any node; its bound allows for rounding."""
     if not swarms.few and len(swarms.sizes) > 1:
         parts = np.split(states, swarms.starts[1:])
         each = (_closest_at_nodes(part, problem, swarm_partition((len(part),))) for part in parts)
@@ -142,8 +142,8 @@ def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) 
         i, j = swarms.pairs
         craft, states = len(states), swarms.all_states(states)
         most = np.maximum(most, np.abs(states[craft:, :, :3]).max(initial=0.0))
-        apart = swarms.separations(states[..., :3], states[..., :3], i, j)
-        found = closest_sampled(apart, i, j, swarms)
+        distances = swarms.separations(states[..., :3], states[..., :3], i, j)
+        found = closest_sampled(distances, i, j, swarms)
     else:
         found = iter([_closest_by_tree(states)])
     for swarm, distance, node, pair in found:
@@ -153,16 +153,16 @@ def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) 
 
 
 def _closest_by_tree(states: States) -> tuple[int, float, int, tuple[int, int]]:
-    """As ``closest_sampled``, of one large swarm at its nodes."""
+    """As ``closest_sampled``, for one large swarm at its nodes."""
     tree, T = _node_tree(states), states.shape[1]
     near, points = map(np.asarray, tree.query(tree.data, k=2))
-    point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one in its place
+    point = int(near[:, 1].argmin())  # the nearest is the craft itself, or one at the same position
     i, j = sorted({point // T, *(points[point] // T).tolist()})[:2]
     return 0, float(near[point, 1]), point % T, (i, j)
 
 
 def _node_tree(states: States) -> Any:
-    """A k-d tree of positions at all nodes, each node's in a far plane of a fourth dimension."""
+    """A k-d tree of positions at all nodes; a fourth coordinate keeps nodes separate."""
     from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
 
     positions = states[..., :3]

@@ -1,4 +1,4 @@
-"""Thrust: what a control costs, how large it may be, and when it may be."""
+"""Thrust: the model of thrusters, limits on controls, and times without burns."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from pipeline.errors import InputError, check_choice, check_each, check_range, c
 from pipeline.orbit.arrays import PerCraft, Rows
 
 COMPONENTS, NORM = "components", "norm"
-ALL_WAYS = 1e-3  # least radius of the ball inside the hull of directions that reach all ways
+ALL_WAYS = 1e-3  # least radius of a ball in the hull of thrusters that push in all directions
 MOST_DIRECTIONS = 64
-LENGTH = 1e-6  # by how much the length of a direction may differ from one
+LENGTH = 1e-6  # tolerance of the length of a direction, which is 1
 
-Windows = tuple[tuple[float, float], ...]  # from and to, s since the first node
+Windows = tuple[tuple[float, float], ...]  # begin and end, s since the first node
 Objective = Literal["total", "fair"]
 Direction = tuple[float, float, float]
 
 
 def check_windows(no_burn: Windows) -> None:
-    """Refuse what is no stretch of time, or ends before it begins, with an InputError."""
+    """Raise InputError for windows that are no pair of times or end before they begin."""
     check_each("no_burn", no_burn, tuple)
     for k, stretch in enumerate(no_burn):
         check_vector(f"no_burn[{k}]", stretch, 2)
@@ -35,7 +35,7 @@ def check_windows(no_burn: Windows) -> None:
 
 @dataclass(frozen=True)
 class Thrust:
-    """Thrusters, and what is asked of burns; the same for all craft of a problem.
+    """Thrusters, and constraints on burns, the same for all craft of a problem.
 
     Attributes:
         model: components, thrusters along the three axes, whose thrusts add up to ‖u‖₁; norm, one
@@ -46,8 +46,8 @@ class Thrust:
             an interval, m/s, or None.
         no_burn: stretches of time from and to, s since the first node, in which no craft burns; an
             interval that overlaps one has no burn.
-        objective: what is least: the fuel of all, or the largest share that a craft burns of what
-            it has left.
+        objective: what is minimized: total, the fuel of all; or fair, the largest share that a
+            craft burns of the Δv that it has left.
     """
 
     model: Literal["components", "norm"] | tuple[Direction, ...] = "components"
@@ -72,13 +72,13 @@ class Thrust:
 
     @property
     def total(self) -> str:
-        """What a plan's fuel adds up over craft and intervals, in words."""
+        """The formula of a plan's fuel, over craft and intervals, as text."""
         sums = {COMPONENTS: "Σ‖u‖₁", NORM: "Σ‖u‖₂"}
         return sums[self.model] if isinstance(self.model, str) else "sum of all thrusts"
 
     @property
     def directions(self) -> Float[Array, "K 3"] | None:
-        """Unit vectors of thrusters; None of one that is pointed."""
+        """Unit vectors of thrusters; None for a single one that is pointed."""
         if self.model == COMPONENTS:
             return np.concatenate([np.eye(3), -np.eye(3)])
         return None if self.model == NORM else np.array(self.model)
@@ -88,7 +88,7 @@ ALONG_AXES = Thrust()  # without limits of its own
 
 
 def check_directions(directions: tuple[Direction, ...]) -> None:
-    """Refuse thrusters that do not push all ways, or are no unit vectors, with an InputError."""
+    """Raise InputError for thrusters that do not push in all directions or are not unit vectors."""
     from scipy.spatial import ConvexHull, QhullError  # slow to import, and few thrusters need it
 
     for k, one in enumerate(directions):
@@ -117,18 +117,18 @@ def check_directions(directions: tuple[Direction, ...]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Limits(Rows):
-    """What the thrusters of each of n craft can do."""
+    """Limits of the thrusters of each of n craft."""
 
-    component: PerCraft  # largest component of a control, or thrust of a thruster, m/s²
+    component: PerCraft  # limit on a control's components, or a thruster's thrust, m/s²
     norm: PerCraft  # largest ‖u‖₂, m/s²
-    delta_v: PerCraft  # what is left in all, m/s
-    burns: Bool[Array, "n intervals 3"]  # components that may be other than zero
+    delta_v: PerCraft  # Δv left, m/s
+    burns: Bool[Array, "n intervals 3"]  # components that may be nonzero
 
 
 def blocked_intervals(
     windows: Windows, time_step: float, intervals: int
 ) -> Bool[Array, "intervals"]:
-    """Intervals that overlap a stretch of time in which there must be no burn."""
+    """Mask of intervals that overlap a window without burns."""
     starts = time_step * np.arange(intervals)
     found = np.zeros(intervals, dtype=bool)
     for begin, end in windows:

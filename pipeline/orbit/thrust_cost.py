@@ -1,4 +1,4 @@
-"""What thrust costs, what it can do within its limits, and how far a plan exceeds them."""
+"""Cost of controls by thruster model, its conjugates within limits, and violations of limits."""
 
 from functools import lru_cache
 from typing import Any
@@ -11,9 +11,9 @@ from pipeline.orbit.arrays import Controls, CraftMask, PerCraft, Scalar, Vector
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
-WITHIN = 1 + 1e-12  # by which prices are shrunk more than to 1, so that rounding leaves them there
-TIGHT = 1e-10  # tolerance of the program that finds thrusts, of the largest of them
-EXCESS = 1e3  # cost of a thrust beyond its limit, so that there is none where it can be avoided
+WITHIN = 1 + 1e-12  # further factor by which prices are shrunk to norm 1, against rounding
+TIGHT = 1e-10  # tolerance of the program for thrusts, as a share of the largest control
+EXCESS = 1e3  # cost of thrust beyond a limit, so high that it is avoided where possible
 
 
 @lru_cache(maxsize=32)
@@ -26,7 +26,7 @@ def _gauge(directions: tuple[Direction, ...]) -> Float[Array, "F 3"]:
 
 
 def cost(controls: Vector, thrust: Thrust) -> Scalar:
-    """What each control costs, m/s²: the least sum of thrusts without limits that give it."""
+    """Cost of each control, m/s²: the least sum of thrusts, without limits, that produce it."""
     if thrust.model == COMPONENTS:
         return np.asarray(np.abs(controls).sum(axis=-1))
     if thrust.model == NORM:
@@ -36,25 +36,24 @@ def cost(controls: Vector, thrust: Thrust) -> Scalar:
 
 
 def interval_fuel(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]:
-    """Fuel of all craft in an interval of K trials, m/s², by thrusters without limits."""
+    """Fuel of all craft in an interval for each of K trials, m/s², without limits."""
     if thrust.model == COMPONENTS:
         return np.asarray(np.abs(controls).sum(axis=(1, 2)))
     return np.asarray(cost(controls, thrust).sum(axis=1))
 
 
 def dual_norm(along: Vector, thrust: Thrust) -> Scalar:
-    """The most that a control which costs 1 does along vectors: the dual norm of the cost."""
+    """Dual norm of the cost: the largest v · u of controls u of cost 1, for vectors v."""
     if thrust.directions is None:
         return np.asarray(np.linalg.norm(along, axis=-1))
     return np.asarray(np.maximum((along @ thrust.directions.T).max(axis=-1), 0.0))
 
 
 def conjugate_bound(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> PerCraft:
-    """At least the most that the controls of each craft do along vectors, less what they cost.
+    """Upper bound on the conjugate of each craft's cost: the largest Σ v · u - cost(u) in limits.
 
-    The largest v · u - cost(u) of each interval, within limits, summed; infinite without a limit.
-    Whatever the split w, v - w counts against the limit on components or thrusters and w against
-    that on the norm; the best of some splits is taken.
+    Infinite without a limit. For any split w, v - w is bounded by the limit on components or
+    thrusters and w by that on the norm; the best of several splits is taken.
     """
     rest = along - split
     if thrust.directions is None:
@@ -68,9 +67,9 @@ def conjugate_bound(along: Controls, split: Controls, limits: Limits, thrust: Th
 
 
 def support_bound(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> PerCraft:
-    """At least the most that the controls of each craft do along vectors, within its limits.
+    """Upper bound on the support function of each craft's controls: the largest Σ v · u in limits.
 
-    The split is as in ``conjugate_bound``; what controls cost does not count.
+    The split is as in ``conjugate_bound``.
     """
     return _conjugate_over_splits(along, [split, along, 0 * along], limits, thrust, 0.0)
 
@@ -96,14 +95,14 @@ def _length(vectors: Vector) -> Float[Array, "*batch 1"]:
 
 
 def _times(limit: Array, amount: Array) -> Array:
-    """The product, 0 where the amount is, whatever the limit."""
+    """The product, 0 where the amount is 0, even for an infinite limit."""
     return np.where(amount > 0, limit * np.where(amount > 0, amount, 1.0), 0.0)
 
 
 def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, "n intervals K"]:
-    """Thrust of each thruster, m/s²: the least that gives a control within their limits.
+    """Thrust of each thruster, m/s², of least sum, that produces the controls within limits.
 
-    Where a control is out of their reach, some exceed limits. One linear program for all burns.
+    Where that is impossible, some exceed limits. One linear program for all burns.
     """
     # Slow to import, and only some thrusters need them.
     from scipy.optimize import linprog
@@ -140,11 +139,11 @@ def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, 
 def cost_within(
     controls: Controls, thrust: Thrust, limits: Limits | None
 ) -> Float[Array, "n intervals"]:
-    """What each control costs, m/s², within the limits of its thrusters."""
+    """Cost of each control, m/s², within the limits of its thrusters."""
     least = cost(controls, thrust)
     if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
         return least
-    # Limits make nothing cheaper; a program's tolerance might.
+    # Limits never lower the cost, but the tolerance of the program might.
     return np.asarray(np.maximum(least, thrusts(controls, limits, thrust).sum(axis=2)))
 
 
@@ -154,7 +153,7 @@ def craft_fuel(controls: Controls, thrust: Thrust, limits: Limits | None = None)
 
 
 def exceeded_limits(controls: Controls, limits: Limits, problem: Problem) -> dict[str, CraftMask]:
-    """Which craft exceed which of their limits."""
+    """Mask of the craft that exceed each of their limits, by the limit's name."""
     thrust, time_step = problem.thrust, problem.time_step
     norm, used = np.linalg.norm(controls, axis=2), np.abs(controls).max(axis=(1, 2))
     if not isinstance(thrust.model, str) and np.isfinite(limits.component).any():
@@ -170,7 +169,7 @@ def exceeded_limits(controls: Controls, limits: Limits, problem: Problem) -> dic
 
 
 def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
-    """Size of the burn that each component of a control is part of, m/s²; of several the least.
+    """Size of the smallest burn that each component of a control is part of, m/s².
 
     A burn is a component, the whole control where a thruster is pointed, or a thruster's thrust.
     """
@@ -179,13 +178,13 @@ def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
     if thrust.model == NORM:
         return np.broadcast_to(_length(controls), controls.shape)
     fired = thrusts(controls, limits, thrust)
-    fires = fired > LIMIT_ROUNDING * fired.max(axis=-1, keepdims=True)  # less is left by rounding
+    fires = fired > LIMIT_ROUNDING * fired.max(axis=-1, keepdims=True)  # smaller ones are rounding
     size = np.where(fires, fired, np.inf).min(axis=-1)
     return np.broadcast_to(np.where(np.isfinite(size), size, 0.0)[..., None], controls.shape)
 
 
 def too_small(controls: Controls, limits: Limits, problem: Problem) -> Bool[Array, "n intervals 3"]:
-    """Parts of controls that are burns, and smaller than the smallest impulse bit."""
+    """Mask of components that are part of a burn below the smallest impulse bit."""
     if (least := problem.thrust.min_delta_v) is None:
         return np.zeros(controls.shape, dtype=bool)
     size = burn_sizes(controls, limits, problem.thrust)

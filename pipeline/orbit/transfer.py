@@ -20,19 +20,19 @@ from pipeline.orbit.arrays import (
 )
 from pipeline.orbit.problem import MOST_NODES, RANGES, Problem
 
-COAST = 1e-7  # share of a craft's largest control under which one is rounding, not a burn
-UNCHANGED = 1e-9  # change of a final state that counts as none, m; velocities over e
-REGULAR = 1e9  # condition number up to which a map has an inverse, rounding considered
-ORBIT_INTERVALS = 16  # intervals into which an orbit of free drift is cut, at least
+COAST = 1e-7  # share of a craft's largest control below which a control is rounding, no burn
+UNCHANGED = 1e-9  # change of a final state that counts as zero, m; velocities over e
+REGULAR = 1e9  # condition number up to which a map counts as invertible
+ORBIT_INTERVALS = 16  # least number of intervals into which an orbit of free drift is cut
 
 
 @dataclass(frozen=True, eq=False)
 class TransferMaps:
     """Constants of a problem: s[t] = drift[t] s[1] + reach[t] u, with u flattened by time."""
 
-    drift: Float[Array, "T 6 6"]  # powers of A
-    reach: Float[Array, "T 6 m"]  # of the flattened controls on each node's state, m = 3(T-1)
-    to_goal: Float[Array, "m 6"]  # pseudo-inverse of reach[T]: the least-energy controls
+    drift: Float[Array, "T 6 6"]  # state transition matrices, powers of A about a circle
+    reach: Float[Array, "T 6 m"]  # from flattened controls to each node's state, m = 3(T-1)
+    to_goal: Float[Array, "m 6"]  # pseudo-inverse of reach[T], which gives least-energy controls
 
 
 @lru_cache(maxsize=32)
@@ -50,9 +50,11 @@ def transfer_maps(problem: Problem) -> TransferMaps:
 
 @lru_cache(maxsize=32)
 def _projection(problem: Problem) -> Float[Array, "m _"]:
-    """To the controls that fit node states, 6T, best while the final state stays as it is."""
+    """Map from node states, 6T, to the best-fitting controls that keep the final state."""
     maps, weight, T = transfer_maps(problem), state_weight(problem), problem.nodes
-    free = np.eye(len(maps.to_goal)) - maps.to_goal @ maps.reach[-1]  # leaves that state alone
+    free = (
+        np.eye(len(maps.to_goal)) - maps.to_goal @ maps.reach[-1]
+    )  # onto controls without effect on it
     fit = (np.tile(weight, T)[:, None] * maps.reach.reshape(6 * T, -1)) @ free
     projected: Float[Array, "m _"] = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
     return projected
@@ -75,7 +77,7 @@ def step_maps(problem: Problem) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 
 
 @lru_cache(maxsize=32)
 def _step(problem: Problem) -> tuple[Float[Array, "*K 6 6"], Float[Array, "*K 6 3"]]:
-    """A and B of Eq. 2, of each interval where they differ."""
+    """A and B of Eq. 2, for each interval where they differ."""
     return problem.dynamics.step(problem.time_step, np.arange(problem.intervals))
 
 
@@ -87,7 +89,7 @@ def has_one_plan(problem: Problem) -> bool:
 
 
 def state_weight(problem: Problem) -> Float[Array, "6"]:
-    """Weights of a state's components: a velocity of 1 m/s counts like a position of 1/e m."""
+    """Weights of a state's components: a velocity of 1 m/s counts as a position of 1/e m."""
     return np.repeat([1.0, 1.0 / problem.mean_motion], 3)
 
 
@@ -103,10 +105,10 @@ def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates
 def free_drift(
     states: Formation, problem: Problem, orbits: float = 1.0, start: float = 0.0
 ) -> tuple[States, Controls, Problem]:
-    """Free drift over so many orbits: node states, zero controls and the problem they belong to.
+    """Free drift over some orbits: node states, zero controls and the problem they belong to.
 
-    It starts some s after the first node, which counts about a reference orbit. InputError where
-    it takes longer than any transfer may.
+    It starts a time, s, after the first node, which matters about a reference orbit. InputError
+    where it takes longer than any transfer may.
     """
     time, longest = orbits * 2 * np.pi / problem.mean_motion, RANGES["time_step"][1]
     if time > longest * (MOST_NODES - 1):
@@ -121,7 +123,7 @@ def free_drift(
     orbit = problem.orbit and problem.orbit.later(start)
     drift = Problem(problem.mean_motion, step, intervals + 1, orbit=orbit)
     idle = np.zeros((len(states), intervals, 3))
-    # To the bit what ``fly`` has, without its maps of controls, which take a minute for 999 nodes.
+    # Bit for bit as ``fly``, without its maps of controls, which take a minute for 999 nodes.
     flown = np.matvec(_powers(drift).reshape(-1, 6), states)
     return flown.reshape(len(states), drift.nodes, 6), idle, drift
 
@@ -140,10 +142,9 @@ def fuel(controls: Float[Array, "*batch n intervals 3"]) -> Scalar:
 
 
 def implied_controls(states: AnyStates, problem: Problem) -> AnyControls:
-    """B⁺(s[t+1] - A s[t]), the least-squares controls of a row of states, m/s².
+    """Least-squares controls of node states, B⁺(s[t+1] - A s[t]), m/s².
 
-    States that break Eq. 2, as a network's may, can look cheaper than any transfer that can be
-    flown.
+    For states that violate Eq. 2, as a network's may, they can cost less than any real transfer.
     """
     A, B = _step(problem)
     return mapped(np.linalg.pinv(B), states[..., 1:, :] - mapped(A, states[..., :-1, :]))
@@ -160,7 +161,7 @@ def meet_goal(
 
 
 def minimum_energy(initial: AnyState, goal: AnyState, problem: Problem) -> AnyControls:
-    """Controls of least Σ‖u‖₂² that join two states, decoupled, in closed form."""
+    """Controls of least Σ‖u‖₂² from one state to another, without other craft, in closed form."""
     idle = np.zeros((*initial.shape[:-1], problem.intervals, 3))
     return meet_goal(initial, idle, goal, problem)
 
@@ -180,7 +181,7 @@ def project_to_flyable(
 
 
 def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
-    """Node states on the straight line between two states; it obeys no dynamics."""
+    """Node states on the straight line between two states, which ignores the dynamics."""
     share = np.linspace(0.0, 1.0, nodes)[:, None]
     return (1 - share) * initial[..., None, :] + share * goal[..., None, :]
 
@@ -188,7 +189,7 @@ def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
 def with_coasts(controls: Controls, problem: Problem) -> Controls:
     """The controls with exact zeros where only rounding is left; final states stay as they are.
 
-    A craft's other controls make up for what is dropped; where they cannot, nothing is dropped.
+    A craft's other controls compensate for what is dropped; where they cannot, nothing is dropped.
     """
     size = np.abs(controls)
     largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
@@ -210,7 +211,7 @@ def with_coasts(controls: Controls, problem: Problem) -> Controls:
 def track(
     states: States, controls: Controls, problem: Problem, steps: int
 ) -> Float[Array, "n _ 3"]:
-    """Positions in m along a flown trajectory, ``steps`` an interval and the last node."""
+    """Positions, m, along a trajectory, ``steps`` for each interval and the last node."""
     times, intervals = problem.time_step / steps * np.arange(steps), np.arange(problem.intervals)
     A, B = (maps[..., :3, :] for maps in problem.dynamics.step(times, intervals[:, None]))
     between = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
