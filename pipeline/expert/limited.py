@@ -9,14 +9,13 @@ from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, ConicProgram
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
-from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
 from pipeline.orbit.thrust_cost import cost, polar, support, thrusts, worth
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario.arrivals import Arrivals
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs use, rounding staying within it
-FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 BURN = 1e-5  # share of a craft's largest control under which one is rounding, of a cone program
 NOISE = 1e-3  # share of the largest control of all craft that a craft's largest counts as, at least
 NO_EFFECT = 1e-14  # share of controls' largest effect along any direction that is rounding of none
@@ -96,7 +95,7 @@ def impossible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> 
     y = duals.goal
     if np.isfinite(y).all():
         most = support(_along(y, at), duals.split, limits, problem.thrust)[0]
-        if at.miss[0] @ y[0] > most * (1 + FARKAS_MARGIN):
+        if at.miss[0] @ y[0] > most * (1 + LIMIT_ROUNDING):
             return True
     asked, columns = at.asked[0], limits.burns[0].ravel()
     scale, miss, reach = at.scale[asked], at.miss[0, asked], at.reach[asked][:, columns]
