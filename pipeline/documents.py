@@ -136,8 +136,8 @@ def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
         return f"{where} is missing"
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         near = () if kind is None else get_close_matches(str(places[-1]), _fields(kind, places))
-        cure = f"did you mean {near[0]}?" if near else "remove it"
-        return f"{where} is not a field of this schema; {cure}"
+        cure = f" (did you mean {near[0]}?)" if near else "; remove it"
+        return f"{where} is not a field of this schema{cure}"
     given = fault["input"]
     shown = f" is {given!r}" if isinstance(given, str | int | float | bool | None) else ""
     return f"{where}{shown}: {what}"

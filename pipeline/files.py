@@ -6,16 +6,17 @@ import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from io import StringIO, TextIOWrapper
+from io import BytesIO, StringIO, TextIOWrapper
 from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 from pipeline.errors import InputError, check_kind
 from pipeline.text import public_url, visible
 
 STDIO = Path("-")  # instead of a file: standard input or standard output
+PIECE = 2**20  # bytes that are read at once
 # Names of files that are not finished yet: that of the file, and one of its own
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # with which a URL begins; not a drive's letter
@@ -157,10 +158,20 @@ def read_bytes(path: Path, most: int) -> bytes:
     if path == STDIO:
         if sys.stdin is None:
             raise InputError("stdin is closed; expected content in it: name a file instead of -.")
-        return sys.stdin.buffer.read(most)
+        return _up_to(sys.stdin.buffer, most)
     refuse_url(path)
     with path.open("rb") as file:
-        return file.read(most)
+        return _up_to(file, most)
+
+
+def _up_to(file: BinaryIO, most: int) -> bytes:
+    """So many bytes of a file or fewer, in pieces: one read takes memory for all it asks for."""
+    content = BytesIO()
+    for start in range(0, most, PIECE):
+        asked = min(PIECE, most - start)
+        if content.write(file.read(asked)) < asked:
+            break  # at its end; a terminal would be asked for more
+    return content.getvalue()
 
 
 def write_text(path: Path, text: str) -> None:

@@ -13,6 +13,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.example_transfer import read_example
 from pipeline.experiments.records import OPTIMIZERS
 from pipeline.figures.transfer import Example
+from pipeline.files import refuse_unwritable
 from pipeline.markup import formatted
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
@@ -62,9 +63,13 @@ class Found:
 
 
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
-    """Write the report of an evaluation, by default the newest; InputError without a sound one."""
+    """Write the report of an evaluation, by default the newest; InputError without a sound one.
+
+    Likewise for a URL, and an error, InputError or OSError, where the folder cannot be written to.
+    """
     if (out / MANIFEST).exists():
         raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
+    refuse_unwritable(out / "report.md")  # before all is read and drawn
     run = evaluation(run_id)
     first = Found(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:

@@ -80,7 +80,7 @@ def _started(
                     rule=rule,
                     convex_solves=plan.convex_solves,
                     seconds=seconds,
-                    optimality_gap=plan.certificate.optimality_gap,
+                    optimality_gap=plan.optimality_gap,
                     fuel=plan.certificate.fuel,
                     safe=flies_safely(plan),
                     status=plan.status,

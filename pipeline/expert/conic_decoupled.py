@@ -9,14 +9,13 @@ from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, ConicProgram
 from pipeline.expert.subproblem import Subproblem
 from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
-from pipeline.orbit.problem import RANGES, Problem
+from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
 from pipeline.orbit.thrust_cost import conjugate_bound, cost, dual_norm, support_bound, thrusts
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario.arrivals import Arrivals
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs may use, so that rounding stays within
-FARKAS_MARGIN = 1e-6  # relative margin by which a proof of impossibility must hold, beyond rounding
 BURN = 1e-5  # share of a craft's largest control below which a cone program's control is rounding
 NOISE = 1e-3  # least value of a craft's largest control there, as a share of all craft's largest
 NO_EFFECT = 1e-14  # share of the largest effect of controls below which an effect is rounding
@@ -100,7 +99,7 @@ def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Probl
     y = duals.goal
     if np.isfinite(y).all():
         most = support_bound(_along(y, at), duals.split, limits, problem.thrust)[0]
-        if at.miss[0] @ y[0] > most * (1 + FARKAS_MARGIN):
+        if at.miss[0] @ y[0] > most * (1 + LIMIT_ROUNDING):
             return True
     asked, columns = at.asked[0], limits.burns[0].ravel()
     scale, miss, reach = at.scale[asked], at.miss[0, asked], at.reach[asked][:, columns]

@@ -7,7 +7,6 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic_decoupled import (
-    FARKAS_MARGIN,
     LIMIT_SHARE,
     dual_bounds,
     minimum_fuel_by_cones,
@@ -16,7 +15,7 @@ from pipeline.expert.conic_decoupled import (
 )
 from pipeline.orbit.arrays import Controls, CraftMask, Formation, Rows
 from pipeline.orbit.decoupled import minimum_fuel
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost, craft_fuel
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
@@ -124,7 +123,7 @@ def limited_optima(
         loose = craft[fuel - bound[craft] > LOOSE * fuel + problem.negligible_fuel]
         waiting += _one_by_one(loose, craft)
     least_delta_v = bound * problem.time_step
-    not_possible |= least_delta_v > limits.delta_v * (1 + FARKAS_MARGIN)
+    not_possible |= least_delta_v > limits.delta_v * (1 + LIMIT_ROUNDING)
     return DecoupledOptima(
         controls, bound, feasible & ~not_possible, not_possible, np.zeros(n, dtype=bool)
     )

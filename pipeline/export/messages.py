@@ -24,8 +24,8 @@ LONGEST = 100  # characters of a comment on one line; messages have at most 254 
 ORIGINATOR = "ORIGINATOR = PROLEARN"  # the line by which files of ours are known
 
 FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 find them
-# Largest angle between states as the reference orbit turns, rad: polynomials of degree 7 through
-# states this near miss a circle by less than 1e-6 of a metre at any altitude up to geostationary
+# Largest angle between states as the reference orbit turns, at perigee, rad: polynomials of degree
+# 7 through states this near miss a circle by less than 1e-6 of a metre, up to geostationary
 SPACING = 0.05
 DEGREE = 7  # of the Hermite interpolation that files ask for
 
@@ -132,7 +132,7 @@ def thrust_arcs(
     """
     problem = plan.scenario.problem
     check_states(plan)
-    steps = max(FEWEST - 1, int(np.ceil(problem.mean_motion * problem.time_step / SPACING)))
+    steps = max(FEWEST - 1, int(np.ceil(problem.dynamics.fastest * problem.time_step / SPACING)))
     start = problem.time_step * np.arange(problem.intervals)[:, None]
     microseconds = np.rint(1e6 * (start + problem.time_step * np.arange(steps + 1) / steps))
     if np.diff(microseconds).min() < 1:

@@ -22,8 +22,9 @@ RANGES = {
     "max_acceleration": (1e-12, 1e6),
 }
 
-LIMIT_ROUNDING = 1e-6  # share by which a limit may be exceeded by rounding
-NEGLIGIBLE = 1e-10  # fuel that counts as zero, in units of ``evasive_control``
+# Share of a limit of thrust or Δv that counts as rounding, in controls, needs and proofs alike
+LIMIT_ROUNDING = 1e-6
+NEGLIGIBLE = 1e-10  # fuel that counts as zero, in units of evasive_control
 # Nodes of a transfer, and revolutions of the reference orbit that it may take
 MOST_NODES, MOST_TURNS = 1250, 1000
 

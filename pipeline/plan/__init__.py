@@ -10,7 +10,16 @@ from pipeline.plan.certificate import (
     gap_of,
 )
 from pipeline.plan.judge import Made, is_safe, judged, planned, planned_all, violations
-from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Assignment, Plan, summary
+from pipeline.plan.plan import (
+    INFEASIBLE,
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    WITHOUT_GAP,
+    Assignment,
+    Plan,
+    summary,
+)
 from pipeline.plan.recheck import Rechecked, recheck
 from pipeline.plan.requirements import (
     AT_ALL_TIMES,
@@ -26,6 +35,7 @@ __all__ = [
     "SOLVED",
     "UNSAFE",
     "UNSOLVED",
+    "WITHOUT_GAP",
     "Assignment",
     "Certificate",
     "Clearance",

@@ -121,7 +121,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         asked["separation"] = plan.separation
     if plan.as_flown and problem.orbit is not None:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
-    claims = asdict(found)
+    claims = asdict(found) | {"optimality_gap": plan.optimality_gap}
     if found.passive_safety is not None:
         claims["passive_safety"] = found.passive_safety.document()
     given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) not in (None, ())}

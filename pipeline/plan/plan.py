@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from math import isfinite
+from math import inf, isfinite
 from operator import truediv
 from typing import Any
 
@@ -21,10 +21,11 @@ UNSAFE = "unsafe"  # flies to the goal, but misses what is required; the message
 # planned; the message says which
 INFEASIBLE = "infeasible"
 UNSOLVED = "unsolved"  # no safe plan and no proof that there is none; the message says why
+WITHOUT_GAP = frozenset({INFEASIBLE, UNSOLVED})  # no plan that solves it: none has a gap
 # Fields of the certificate that a summary has
 SUMMARY = (
     *("fuel", "delta_v", "craft_delta_v", "craft_delta_v_2norm", "fuel_lower_bound"),
-    *("optimality_gap", "min_separation", "min_separation_pair", "min_separation_time"),
+    *("min_separation", "min_separation_pair", "min_separation_time"),
     *("min_separation_bound", "craft_delta_v_thrusters"),
 )
 
@@ -90,7 +91,7 @@ class Plan:
     def __repr__(self) -> str:
         """Who made it, its status, cost and closest approach; without the arrays."""
         found = self.certificate
-        gap = f", gap {found.optimality_gap:z.2%}" if isfinite(found.optimality_gap) else ""
+        gap = f", gap {self.optimality_gap:z.2%}" if isfinite(self.optimality_gap) else ""
         said = [f"{self.scenario.n} craft by {self.planner}, {self.status}"]
         said.append(f"Δv {found.delta_v:.4g} m/s{gap}")
         if found.min_separation_pair is not None:
@@ -98,6 +99,11 @@ class Plan:
             at = f"{found.min_separation:.2f} m at {found.min_separation_time:.0f} s"
             said.append(f"closest {i} and {j}, {at}")
         return f"Plan({'; '.join(said)})"
+
+    @property
+    def optimality_gap(self) -> float:
+        """That of its certificate; infinite where it is UNSOLVED or INFEASIBLE."""
+        return inf if self.status in WITHOUT_GAP else self.certificate.optimality_gap
 
     @property
     def requirements(self) -> Requirements:
@@ -109,12 +115,11 @@ class Plan:
 def summary(plan: Plan) -> dict[str, Any]:
     """A plan in a line: SI units; ``seconds`` is the time that plan and proof took.
 
-    Where it is proven that there is no plan, ``optimality_gap`` is None.
+    Of a plan that is UNSOLVED or INFEASIBLE ``optimality_gap`` is None.
     """
     found = plan.certificate
     claims = {name: getattr(found, name) for name in SUMMARY}
-    if plan.status == INFEASIBLE:
-        claims["optimality_gap"] = None
+    claims["optimality_gap"] = None if plan.status in WITHOUT_GAP else plan.optimality_gap
     optional = {"clearance": found.clearance, "corridor": found.corridor}
     return {
         "planner": plan.planner,

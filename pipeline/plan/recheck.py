@@ -36,6 +36,7 @@ DISTANCES = (
     *("min_separation", "passive_safety.min_separation", "clearance.min_clearance"),
     *("corridor.min_margin", "passive_safety.clearance.min_clearance"),
 )
+BOUNDS = ("fuel_lower_bound", "largest_share.bound")  # of all plans that keep to goals and limits
 
 FalseClaim = tuple[str, float, float, str]  # a field, what a file claims, what is found, and unit
 
@@ -76,7 +77,8 @@ def recheck(claimed: Plan) -> Rechecked:
             "where they lead"
         )
     found = flown.certificate
-    unsafe = violations(flown).keys() & {"separation", "passive safety", "corridor"}
+    wrong = violations(flown).keys()
+    unsafe = wrong & {"separation", "passive safety", "corridor"}
     if said.risk is not None:
         refuse_risk([claimed.scenario], closed_loop=said.risk.feedback is not None)
         # By the errors that the file says.
@@ -88,6 +90,8 @@ def recheck(claimed: Plan) -> Rechecked:
         f"The file claims {name} {theirs:.6g}{unit.removesuffix(' at most')}, its controls give "
         f"{ours:.6g}{unit}"
         for name, theirs, ours, unit in _false_claims(said, found, problem)
+        # A plan that misses goals or limits may burn less than all that keep to them.
+        if name not in BOUNDS or not wrong & {"goal", "waypoints", "thrust"}
     ]
     plan = replace(flown, certificate=found, timing=claimed.timing, message=claimed.message)
     return Rechecked(plan, not unsafe, tuple(fault.rstrip(".") + "." for fault in faults))

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import craft_fuel_bound, minimum_limits, minimum_limits_at_nodes
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
 from pipeline.scenario.arrivals import arrivals_of
 from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
@@ -16,7 +16,6 @@ from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import of_craft
 
 REACHABLE = "within reach"  # the rule
-MARGIN = 1e-6  # share of a need that is left to rounding
 TIME = "give more time by time_step or nodes"
 
 Fault = tuple[Case, str]  # a fault and its cure
@@ -58,7 +57,7 @@ def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
         fine = f"craft {most} needs the most thrust, {share:.0%} of max_acceleration"
         wrong = f"craft that max_acceleration, {limit:g} m/s², is too little for"
     limit = np.inf if limit is None else limit
-    short = np.flatnonzero((least > limit) | np.isinf(least))
+    short = np.flatnonzero((least > limit * (1 + LIMIT_ROUNDING)) | np.isinf(least))
     cure = f"raise max_acceleration, or {TIME}" if np.isfinite(least[short]).any() else TIME
     worst = short[least[short].argsort(kind="stable")[::-1]].tolist()
     cases = [_out_of_reach(k, float(least[k]), limit) for k in worst]
@@ -70,10 +69,10 @@ def _out_of_reach(k: int, least: float, limit: float) -> Case:
     if not np.isfinite(least):
         return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
     unit = 10.0 ** (floor(log10(least)) - 3)
-    enough = ceil(least / unit * (1 + MARGIN)) * unit
+    enough = ceil(least / unit * (1 + LIMIT_ROUNDING)) * unit
     times = f"{least / limit:.4g} times max_acceleration"
     text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
-    return Case((k,), text, {"least_limit": least * (1 + MARGIN)})
+    return Case((k,), text, {"least_limit": least * (1 + LIMIT_ROUNDING)})
 
 
 def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
@@ -115,7 +114,7 @@ def _faults(scenario: Scenario, limits: Limits, needs: Sequence[Need]) -> Iterat
             yield found
         for need in needs:
             least, most, unit = float(need.least[k]), need.most[k], need.unit
-            if least > most * (1 + MARGIN):
+            if least > most * (1 + LIMIT_ROUNDING):
                 text = (
                     f"craft {k} needs at least {_down(least)} {unit} and has {most:g} {unit}, its "
                     f"{need.name}"
@@ -149,7 +148,7 @@ def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Fault | N
         most[0] *= np.sqrt(3)  # along all three axes
     burn = problem.time_step * float(min(most))
     burn = min(burn, float(limits.delta_v[k]))
-    if burn >= thrust.min_delta_v * (1 - MARGIN):
+    if burn >= thrust.min_delta_v * (1 - LIMIT_ROUNDING):
         return None
     text = (
         f"craft {k} must burn, and can make no burn of more than {burn:.4g} m/s, less than "
@@ -176,4 +175,4 @@ def _most_strained(needs: Sequence[Need]) -> str:
 def _down(value: float) -> str:
     """The value rounded down to four digits."""
     unit = 10.0 ** (floor(log10(value)) - 3)
-    return f"{floor(value / unit * (1 - MARGIN)) * unit:.4g}"
+    return f"{floor(value / unit * (1 - LIMIT_ROUNDING)) * unit:.4g}"

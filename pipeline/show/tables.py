@@ -9,8 +9,8 @@ from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import COMPONENTS, NORM, Windows
 from pipeline.plan import (
-    INFEASIBLE,
     SOLVED,
+    WITHOUT_GAP,
     Certificate,
     Clearance,
     CorridorMargin,
@@ -76,7 +76,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
     """The certificate: labels, and numbers with their units."""
     found = plan.certificate
     gap = f"at most {100 * found.optimality_gap:z.2f} %"
-    if status == INFEASIBLE:  # no plan keeps to the thrust limit: no optimum to be far from
+    if WITHOUT_GAP & {status, plan.status}:
         gap = MISSING
     elif not math.isfinite(found.optimality_gap):
         gap = "unknown: the bound is no more than rounding"

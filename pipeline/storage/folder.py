@@ -137,6 +137,11 @@ class Folder:
         """Turn errors of libraries into ProlearnErrors or OSErrors without the URL's secrets."""
         try:
             yield
+        except NotImplementedError:  # as of the web, which is read alone
+            raise InputError(
+                f"{self} is of a kind that cannot be written to; expected a folder, or a bucket "
+                "such as s3://bucket/folder: give one of these."
+            ) from None
         except Exception as error:
             reason, number = self.reason(error), getattr(error, "errno", None)
             if sentence:
@@ -198,7 +203,12 @@ def _filesystem(url: str) -> tuple[Any, str]:
             return fs.PyFileSystem(fs.FSSpecHandler(files)), root
     except OSError as error:
         raise ProlearnError(f"{public_url(url)} is not reached ({_reason(error, url)}).") from None
-    except (ValueError, ImportError) as error:
+    except ImportError as error:
+        raise InputError(
+            f"{public_url(url)} needs a package that is not installed ({public(error, url)}); "
+            "expected it, or another place: install it, or give a path or an s3:// URL."
+        ) from None
+    except ValueError as error:
         raise InputError(
             f"{public_url(url)} is on no known filesystem ({public(error, url)}); expected a "
             "path, or a URL that pyarrow or fsspec reads."

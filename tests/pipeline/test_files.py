@@ -1,5 +1,6 @@
 import os
 import stat
+import tracemalloc
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -112,3 +113,18 @@ def test_a_url_is_no_path_and_is_named_as_it_was_given_without_its_secrets(
     make_folder(Path("a:b/c:"))
     write_text(tmp_path / "s3:" / "plan.json", "here")
     assert (tmp_path / "a:b" / "c:").is_dir() and Path(tmp_path, "s3:", "plan.json").is_file()
+
+
+def test_reading_takes_no_more_memory_than_what_there_is_and_ends_at_the_most(tmp_path):
+    small, cut = tmp_path / "small", 2**21 + 5
+    small.write_bytes(b"text")
+    tracemalloc.start()
+    try:
+        assert read_bytes(small, 2**28) == b"text"
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 2**22
+    small.write_bytes(content := os.urandom(cut + 9))
+    assert read_bytes(small, cut) == content[:cut]
+    assert read_bytes(small, cut + 10) == content

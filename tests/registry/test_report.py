@@ -107,6 +107,22 @@ def test_a_report_goes_into_no_datasets_folder(solved: Path) -> None:
         report(solved)
 
 
+@pytest.mark.parametrize(
+    ("out", "error", "words"),
+    [
+        ("s3://bucket/reports", InputError, "s3://bucket/reports.* is a URL; expected a path"),
+        ("memory://reports", InputError, "is a URL; expected a path"),
+        ("/proc/reports", OSError, "/proc/reports/report.md"),
+        ("/dev/null", InputError, "/dev/null is a file; expected a folder"),
+    ],
+)
+def test_a_report_for_where_none_can_be_written_is_refused_before_anything_is_read(
+    out: str, error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        report(Path(out), "0" * 32)  # no such evaluation: it is not looked for
+
+
 def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str]) -> None:
     report(Path("newest"))
     text, runs, training = made(Path("newest"))

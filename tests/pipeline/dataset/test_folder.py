@@ -143,6 +143,18 @@ def test_a_url_of_no_known_kind_is_refused():
         open_folder("nowhere://x")
 
 
+@pytest.mark.parametrize("url", ["az://c/x", "abfs://c/x"])
+def test_a_url_whose_package_is_not_installed_names_it(url, monkeypatch):
+    monkeypatch.setitem(sys.modules, "adlfs", None)
+    with pytest.raises(InputError, match=f"^{url} needs a package .*adlfs.*: install it, or"):
+        open_folder(url)
+
+
+def test_the_web_is_not_written_to():
+    with pytest.raises(InputError, match=r"^http://127\.0\.0\.1:1/x is of a kind that cannot be"):
+        open_folder("http://127.0.0.1:1/x").publish("a", b"")
+
+
 @pytest.mark.parametrize("url", ["s3://bucket/n6", "S3://key:secret@bucket/n6", "gs://bucket/n6"])
 def test_a_setting_in_a_url_that_arrow_does_not_know_is_named(url):
     said = "bucket/n6 is no URL that pyarrow reads .*parameter in .*: 'bogus'"

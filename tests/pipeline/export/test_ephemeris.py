@@ -16,6 +16,7 @@ from pipeline.expert import solve
 from pipeline.export.messages import write_ephemerides
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.scenario import draw
 
 WHERE = Reference(datetime(2026, 3, 1, 23, 55, 0, 250000, tzinfo=UTC), 97.4, 40.0, 350.0)
@@ -120,6 +121,33 @@ def test_states_that_the_reader_interpolates_are_the_plans_motion_under_thrust(h
                     plan.states[craft, arc], plan.controls[craft, arc], e, seconds - arc * step
                 )
                 worst = max(worst, np.abs(back - asked)[:3].max())
+    assert worst < 1e-6
+
+
+@pytest.mark.parametrize("e", [0.3, 0.7, 0.85])
+def test_an_eccentric_orbit_is_interpolated_to_a_micrometre_at_its_perigee(e, tmp_path):
+    """The truth is Kepler's equation, solved by Newton's method."""
+    a, step = 7e6 / (1 - e), 1200.0
+    rate = np.sqrt(3.986004418e14 / a**3)
+    orbit = ReferenceOrbit(a, e, 51.6, 40.0, 30.0, 30.0, j2=False)  # which begins at perigee
+    scenario = draw("rings", 0, 1, 0, Problem(time_step=step, nodes=4).about(orbit))
+    still = np.zeros((1, 6))
+    scenario = replace(scenario, initial=still, goal=still, reference=WHERE)
+    (file,) = write_ephemerides(solve(scenario), tmp_path, "p")
+    turned = Rotation.from_euler("ZXZ", [40.0, 51.6, 30.0], degrees=True)
+    worst = 0.0
+    for segment in OrbitEphemerisMessage.open(file).segments:
+        epochs = [state.epoch for state in segment.states]
+        for first, then in itertools.pairwise(epochs):
+            time = first + (then - first) / 2
+            mean = rate * since_epoch(time)
+            eccentric = mean
+            for _ in range(50):
+                off = eccentric - e * np.sin(eccentric) - mean
+                eccentric -= off / (1 - e * np.cos(eccentric))
+            in_plane = np.cos(eccentric) - e, np.sqrt(1 - e**2) * np.sin(eccentric), 0.0
+            truth = turned.apply(a * np.array(in_plane))
+            worst = max(worst, np.abs(1e3 * segment(time).position - truth).max())
     assert worst < 1e-6
 
 

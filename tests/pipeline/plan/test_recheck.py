@@ -10,7 +10,17 @@ from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import SOLVED, Made, Requirements, RiskLimit, planned, recheck
+from pipeline.plan import (
+    SOLVED,
+    UNSOLVED,
+    Made,
+    Requirements,
+    RiskLimit,
+    planned,
+    recheck,
+    summary,
+)
+from pipeline.plan.document import plan_document
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show.tables import certificate_rows, verdict
@@ -100,6 +110,22 @@ def test_an_infeasible_plan_says_so_and_has_no_gap():
     assert "cannot reach its goal within max_acceleration" in found.reasons[0]
     rows = dict(certificate_rows(recheck(plan).plan, plan.status))
     assert rows["Gap to that bound"] == "–"
+
+
+def test_a_plan_that_misses_its_goal_has_no_gap_and_a_bound_above_its_fuel_is_no_false_claim(plan):
+    bound = plan.certificate.fuel_lower_bound
+    short = planned("one", SCENARIO, Made(0.5 * plan.controls, bound))
+    assert short.status == UNSOLVED
+    assert short.certificate.fuel < bound
+    assert "gap" not in repr(short)
+    assert summary(short)["optimality_gap"] is None
+    assert plan_document(short)["certificate"]["optimality_gap"] is None
+    shown = recheck(short)
+    assert not any("claims" in fault for fault in shown.faults)
+    for status in (short.status, SOLVED):  # also where the file says otherwise
+        assert dict(certificate_rows(shown.plan, status))["Gap to that bound"] == "–"
+    false = replace(plan, certificate=replace(plan.certificate, fuel_lower_bound=2 * bound))
+    assert any("claims fuel_lower_bound" in fault for fault in recheck(false).faults)
 
 
 def test_a_gap_to_a_bound_of_nothing_is_no_number(plan):

@@ -122,10 +122,10 @@ def test_states_that_are_not_finite_are_refused():
         (
             '"tilt_deg"',
             '"tilt"',
-            r"initial\.rings\[0\]\.tilt is not a field of this schema; did you "
-            r"mean tilt_deg\?",
+            r"initial\.rings\[0\]\.tilt is not a field of this schema \(did you "
+            r"mean tilt_deg\?\); expected",
         ),
-        ('"nodes"', '"node"', r"node is not a field of this schema; did you mean nodes\?"),
+        ('"nodes"', '"node"', r"node is not a field of this schema \(did you mean nodes\?\)"),
         ('"nodes"', '"altogether"', "altogether is not a field of this schema; remove it"),
         ('"nodes": 9', '"nodes": 9, "nodes": 12', "nodes is there twice"),
         ('"size": 200', '"size": 200, "size": 300', "size is there twice"),

@@ -110,6 +110,16 @@ def test_the_least_thrust_limit_is_that_of_cvxpy(nodes):
     assert minimum_limits(drawn.initial, drawn.goal, problem) == pytest.approx(least, rel=1e-4)
 
 
+@pytest.mark.parametrize(("share", "enough"), [(1 - 2e-7, True), (1 - 5e-6, False)])
+def test_a_limit_below_the_least_by_rounding_is_enough_for_check_as_for_plans(share, enough):
+    drawn = draw("rings", 4, 1, 0, Problem())
+    (least,) = minimum_limits(drawn.initial, drawn.goal, drawn.problem)
+    problem = Problem(max_acceleration=share * least)
+    assert (("transfer", "within reach") not in wrong(replace(drawn, problem=problem))) == enough
+    found = decoupled_optima(drawn.initial, drawn.goal, problem)
+    assert found.impossible[0] == (not enough)
+
+
 def test_the_expert_flies_within_the_limit_that_is_asked_for_and_proves_that_less_is_too_little():
     drawn = draw("rings", 4, 5, 0, Problem(max_acceleration=1e-6))
     cases = wrong(drawn)[("transfer", "within reach")]

@@ -141,7 +141,7 @@ def judge_plan(
         tuple(_faults(flight, at_nodes=at_nodes)),
         (
             *_untrue_states(flight, states, plan.get("times")),
-            *_untrue(flight, states, said),
+            *_untrue(flight, states, said, plan.get("status", "solved")),
             *_untrue_adrift(flight, said),
             *_untrue_clearance(flight, said),
             *_untrue_of_thrusters(flight, said),
@@ -218,18 +218,21 @@ def _untrue_states(flight: _Flight, states: np.ndarray, times: list[float] | Non
         yield "times are not those of the nodes"
 
 
-def _untrue(flight: _Flight, states: np.ndarray, said: Mapping[str, Any]) -> Iterator[str]:
+def _untrue(
+    flight: _Flight, states: np.ndarray, said: Mapping[str, Any], status: str
+) -> Iterator[str]:
     """Claims of a certificate, of which any may be left out, against what is found."""
     problem, alone = flight.problem, len(flight.goal) == 1
     moved = after(problem.rate, problem.step, states[:, :-1], flight.controls)
     gap = flight.fuel / flight.attained - 1 if flight.attained > 1e-9 else None
+    no_plan = status in ("unsolved", "infeasible")  # which has no gap
     exact = 1e-9 if problem.thrusters is None else 1e-7  # a program may say what thrusters do
     # By name: least and most that is true.
     true = {
         "fuel": _about(flight.fuel, exact),
         "delta_v": _about(flight.fuel * problem.step, exact),
         "fuel_lower_bound": _about(flight.attained, SHARE),
-        "optimality_gap": (gap is not None) and (gap - 2e-6, gap + 2e-6),
+        "optimality_gap": gap is not None and not no_plan and (gap - 2e-6, gap + 2e-6),
         # About an ellipsoid and a craft of some radius more may be counted.
         "node_collisions": (
             flight.node_collisions,
@@ -243,7 +246,7 @@ def _untrue(flight: _Flight, states: np.ndarray, said: Mapping[str, Any]) -> Ite
     for name in true.keys() & said.keys():
         claim, range_ = said[name], true[name]
         if range_ is False:  # nothing to be claimed
-            if claim is not None and name != "optimality_gap":
+            if claim is not None and (no_plan or name != "optimality_gap"):
                 yield f"{name} is said to be {claim} where there is none"
         elif claim is None or not range_[0] <= claim <= range_[1]:
             yield f"{name} is said to be {claim}, found {range_[0]:.9g} to {range_[1]:.9g}"
