@@ -1,1 +1,1 @@
-"""Benchmarks: ratios measured side by side in one run; `make bench` runs them."""
+"""Benchmarks of plans, of their cost and of training; `make bench` runs all but `scale`."""

@@ -2,8 +2,8 @@
 
     python -m benchmarks.as_flown --out reports/bench
 
-Expert and packaged refiner plan the scenarios of `prolearn scenario new --index`, as experiment 5
-does with those of a dataset. Prints the table, and writes as_flown.json.
+The expert and the packaged refiner plan the scenarios of `prolearn scenario new --index`; all else
+is as in experiment 5. Prints the table, and writes as_flown.json.
 """
 
 from pathlib import Path

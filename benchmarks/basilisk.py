@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers import needed
+from benchmarks.peers import required_module
 from pipeline.arrays import Array, Float
 
 PACKAGE = "bsk==2.12.1"
 CHIEF = np.array([11e6, 0.4, *np.radians([60.0, 90.0, 60.0, 40.0])])  # a, e, i, Ω, ω, M
-BEGIN = np.array([3e-4 * CHIEF[0], -2e-4, 1e-4, 4e-4, -1e-4, 2e-4])  # differences at the first node
+BEGIN = np.array([3e-4 * CHIEF[0], -2e-4, 1e-4, 4e-4, -1e-4, 2e-4])  # differences at the start
 TARGET = [0.0, 1e-4, 2e-4, -1e-4, -2e-4, -3e-4]  # wanted; the first as a share of a
 MASS, INERTIA = 500.0, (900.0, 0.0, 0.0, 0.0, 800.0, 0.0, 0.0, 0.0, 600.0)
-STEP, ORBITS = 2.0, 1.1  # s, and how long it is run, in periods of the deputy at the start
+STEP, ORBITS = 2.0, 1.1  # of the integration, s; time simulated, in the deputy's first periods
 
 
 def reconfiguration() -> tuple[float, Float[Array, "6"]]:
     """Δv that the deputy spends, m/s, and by how much it misses its target's differences."""
-    tools = needed("Basilisk.utilities.SimulationBaseClass", PACKAGE)
+    tools = required_module("Basilisk.utilities.SimulationBaseClass", PACKAGE)
     macros, orbits = (
-        needed(f"Basilisk.utilities.{m}", PACKAGE) for m in ("macros", "orbitalMotion")
+        required_module(f"Basilisk.utilities.{m}", PACKAGE) for m in ("macros", "orbitalMotion")
     )
     sim, step = tools.SimBaseClass(), macros.sec2nano(STEP)
     sim.CreateNewProcess("all").addTask(sim.CreateNewTask("all", step))
@@ -51,8 +51,8 @@ def reconfiguration() -> tuple[float, Float[Array, "6"]]:
 
 def _craft(sim: Any) -> tuple[Any, Any, float]:
     """Chief and deputy about a spherical Earth, and its μ, m³/s²."""
-    module = needed("Basilisk.simulation.spacecraft", PACKAGE)
-    gravity = needed("Basilisk.utilities.simIncludeGravBody", PACKAGE).gravBodyFactory()
+    module = required_module("Basilisk.simulation.spacecraft", PACKAGE)
+    gravity = required_module("Basilisk.utilities.simIncludeGravBody", PACKAGE).gravBodyFactory()
     earth = gravity.createEarth()
     earth.isCentralBody = True
     both = [module.Spacecraft(), module.Spacecraft()]
@@ -65,11 +65,11 @@ def _craft(sim: Any) -> tuple[Any, Any, float]:
 
 
 def _actuators(sim: Any, deputy: Any) -> tuple[Any, Any, Any]:
-    """Two thrusters of 22 N along one axis, a torque without limits, and what software knows."""
-    effector = needed("Basilisk.simulation.thrusterDynamicEffector", PACKAGE)
+    """Two thrusters of 22 N along one axis, a torque without limits, and the thrusters' message."""
+    effector = required_module("Basilisk.simulation.thrusterDynamicEffector", PACKAGE)
     thrusters, torque = effector.ThrusterDynamicEffector(), _new("simulation.extForceTorque", "E")
-    factory = needed("Basilisk.utilities.simIncludeThruster", PACKAGE).thrusterFactory()
-    setup = needed("Basilisk.utilities.fswSetupThrusters", PACKAGE)
+    factory = required_module("Basilisk.utilities.simIncludeThruster", PACKAGE).thrusterFactory()
+    setup = required_module("Basilisk.utilities.fswSetupThrusters", PACKAGE)
     setup.clearSetup()
     for _ in range(2):
         factory.create("MOOG_Monarc_22_6", [0.0] * 3, [1.0] * 3, useMinPulseTime=False)
@@ -84,14 +84,14 @@ def _actuators(sim: Any, deputy: Any) -> tuple[Any, Any, Any]:
 
 
 def _new(module: str, first: str = "") -> Any:
-    """An instance of the class that is named as its module."""
+    """An instance of the class that has its module's name, begun with ``first``."""
     name = module.split(".")[-1]
-    return getattr(needed(f"Basilisk.{module}", PACKAGE), first + name[len(first) :])()
+    return getattr(required_module(f"Basilisk.{module}", PACKAGE), first + name[len(first) :])()
 
 
 def _guidance(sim: Any, chief: Any, deputy: Any, thrusters: Any, torque: Any, config: Any) -> None:
     """Exact navigation, the burns' schedule, and attitude control by the example's gains."""
-    messages = needed("Basilisk.architecture.messaging", PACKAGE)
+    messages = required_module("Basilisk.architecture.messaging", PACKAGE)
     known = messages.VehicleConfigMsgPayload()
     known.ISCPntB_B, known.massSC = list(INERTIA), MASS
     body = messages.VehicleConfigMsg().write(known)
@@ -107,7 +107,7 @@ def _guidance(sim: Any, chief: Any, deputy: Any, thrusters: Any, torque: Any, co
     burns.deputyTransInMsg.subscribeTo(navigation[1].transOutMsg)
     burns.thrustConfigInMsg.subscribeTo(config)
     burns.vehicleConfigInMsg.subscribeTo(body)
-    burns.mu = needed("Basilisk.utilities.orbitalMotion", PACKAGE).MU_EARTH * 1e9
+    burns.mu = required_module("Basilisk.utilities.orbitalMotion", PACKAGE).MU_EARTH * 1e9
     burns.attControlTime, burns.targetClassicOED = 400, TARGET
     thrusters.cmdsInMsg.subscribeTo(burns.onTimeOutMsg)
     error.attRefInMsg.subscribeTo(burns.attRefOutMsg)

@@ -2,8 +2,8 @@
 
     python -m benchmarks.expert --out reports/bench
 
-Times are CPU times of one core. Prints tables, and writes expert.json. ``benchmarks.yardstick`` has
-its time beside that of peers, ``benchmarks.growth`` how it grows with the number of craft.
+Times are CPU times of one core. Prints tables, and writes expert.json. ``benchmarks.yardstick``
+compares it with other planners, ``benchmarks.growth`` shows how it grows with the number of craft.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ BATCHES = {10: 250, 30: 40, 100: 8}  # instances by swarm size that are planned 
 CROWDS = {10: 40, 20: 10, 30: 10, 80: 4}  # instances of the family dense by swarm size
 
 MANY_STARTS, SEARCHED = 32, 30
-"""Searches that show what further ones could still win, for swarms of at most so many craft."""
+"""Starts that show what further search could still gain, in swarms of at most so many craft."""
 
 DEFAULT = Settings()
 NODES = (6, 11, 21, 41, 61)

@@ -1,9 +1,9 @@
-"""Time and quality of plans: by the network, by it and one convex solve, and by the expert.
+"""Time and quality of plans by the network, by the network and one convex solve, and the expert.
 
     python -m benchmarks.fallback --out reports/bench
 
-Planners take turns on the same scenarios, planned in batches, so that the machine's noise falls on
-all alike; times are CPU times of one core, certificates included but where it says "answers".
+Planners take turns on the same scenarios, planned in batches, so that the machine's load affects
+all alike; times are CPU times of one core and include certificates, except in "network answers".
 Prints that table and those of other time grids and orbits, which are the figures of the packaged
 refiner's card too, and writes fallback.json.
 """
@@ -44,7 +44,7 @@ GRIDS += [replace(Problem(), time_step=step) for step in (60.0, 90.0, 180.0, 240
 
 ECCENTRICITIES = (0.0, 0.01, 0.1, 0.5)
 SWARMS = (("rings", 10, 200), ("rings", 30, 100), ("dense", 10, 200), ("dense", 30, 100))
-"""Of orbits that the network was not trained about, and what is planned about each."""
+"""Of orbits that the network was not trained for, and the swarms planned about each."""
 
 Plans = Callable[[Sequence[Scenario]], list[Plan]]
 
@@ -67,7 +67,7 @@ def main(
 
 
 def rule(rounds: int, requirements: Requirements = AT_ALL_TIMES) -> NetworkPlanner:
-    """The refiner's rounds without its network, which shows what is learned."""
+    """The refiner's rounds without its network, to show what learning adds."""
     return NetworkPlanner(TrainedRefiner(None, rounds, Problem(), ""), "rule", requirements)
 
 
@@ -119,7 +119,7 @@ def _one_solve(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Pla
 
 
 def _answer(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
-    """What the network alone takes, without a certificate."""
+    """Run the network alone, without certificates, to time it."""
     initial, goal = (np.stack([getattr(s, end) for s in scenarios]) for end in ("initial", "goal"))
     flown.model.answer(initial, goal, scenarios[0].problem.collision_radius)
     return []
@@ -148,7 +148,7 @@ def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
 
 
 def _orbit(flown: NetworkPlanner, family: str, n: int, count: int, e: float) -> Row:
-    """Plans of test scenarios about orbits whose perigee is as high, from anywhere on them."""
+    """Test scenarios about orbits with their circle's radius at perigee, from anywhere on them."""
     size, rng, scenarios = radius_at(Problem().mean_motion) / (1 - e), np.random.default_rng(0), []
     for k in range(count):
         orbit = ReferenceOrbit(size, e, 97.4, 0.0, 90.0, float(rng.uniform(0.0, 360.0)))

@@ -2,11 +2,11 @@
 
     python -m benchmarks.growth --page docs/yardstick.md
 
-Scenarios of rings, one at a time with its certificate, on one core; times are its CPU times. From
-30 craft on the rings grow with n, so that neighbours stay as far apart. Each size has a process of
-its own, whose memory is counted whole, packages included, and which ends after so much CPU time.
-Times are also in units of that of the decoupled optimum of one craft by Clarabel, taken in between,
-so that tables of different machines can be compared.
+Scenarios of rings, one at a time with its certificate, on one core; times are CPU times. From 30
+craft on the rings grow with n, so that neighbours stay as far apart. Each size has a process of its
+own, which ends after a given CPU time; memory is that of the whole process, packages included.
+Times are also given in units of the time that Clarabel takes for the decoupled optimum of one
+craft, measured in between, so that tables of different machines can be compared.
 """
 
 import resource
@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from benchmarks.tables import Page, limited_process, renew, use_one_core
+from benchmarks.tables import Page, limited_process, update_page, use_one_core
 from pipeline.expert import solve
 from pipeline.expert.conic_decoupled import minimum_fuel_by_cones
 from pipeline.orbit.problem import Problem
@@ -39,7 +39,7 @@ PATIENCE = 600.0  # CPU time that a size has, drawing included, s
 
 
 def grown(n: int, count: int) -> Mapping[str, object]:
-    """A row of the table: so many scenarios of n craft, planned one by one."""
+    """A row of the table: ``count`` scenarios of n craft, planned one by one."""
     scenarios = [draw("rings", SEED, n, index, Problem()) for index in range(count)]
     solve(draw("rings", SEED, 2, 0, Problem()))  # what is imported or tabled once is not counted
     plans, seconds, units = [], [], []
@@ -72,7 +72,7 @@ def unit(scenario: Scenario) -> float:
 
 
 def row(n: int, count: int, patience: float) -> Mapping[str, object]:
-    """The row of ``grown``, by a process of its own; where that ended, it says after how long."""
+    """The row of ``grown``, by a process of its own, or one that says that its time ran out."""
     with limited_process(patience) as pool:
         try:
             return pool.submit(grown, n, count).result()
@@ -88,7 +88,7 @@ def main(
     """Run all and print the table."""
     use_one_core()
     rows = [row(n, count, patience) for n, count in SIZES.items() if n <= most]
-    renew(page, MARK, pd.DataFrame(rows).fillna("").to_markdown(index=False))
+    update_page(page, MARK, pd.DataFrame(rows).fillna("").to_markdown(index=False))
 
 
 if __name__ == "__main__":

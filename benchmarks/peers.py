@@ -1,7 +1,7 @@
-"""Planners of others, for comparison: each a function from a scenario to controls, m/s².
+"""Other planners for comparison, each a function from a scenario to controls, m/s².
 
-Programs that one would write in cvxpy, apart at nodes only, DCCP's procedure among them; OpenSCvx
-as its examples have it; and each craft's own optimum, repaired where craft meet.
+DCCP and the plain SCP, which keep craft apart at the nodes only; OpenSCvx, set up as in its
+examples; and prioritized planning, which repairs the craft's own optima where they meet.
 """
 
 from collections.abc import Callable
@@ -27,10 +27,10 @@ from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.scenario import Scenario
 
 POINTS, MARGIN, SWEEPS, ROUNDS = 8, 0.5, 10, 3
-"""Of the repair: points of an interval, m beyond r_col, tries of all craft and of one."""
+"""Of the repair: points in an interval, m beyond r_col, passes over all craft, tries of each."""
 
 
-def needed(module: str, package: str) -> Any:
+def required_module(module: str, package: str) -> Any:
     """A module of a package that is no dependency; InputError, with what to do, without it."""
     try:
         return import_module(module)
@@ -68,7 +68,7 @@ class SwarmModel:
         first, second = pairs(n)
         self._difference = np.eye(n)[first] - np.eye(n)[second]
 
-    def gaps(self) -> list[cp.Expression]:
+    def relative_positions(self) -> list[cp.Expression]:
         """Position of each pair's first craft relative to its second, at each inner node."""
         if len(self._difference) == 0:
             return []
@@ -76,11 +76,13 @@ class SwarmModel:
 
 
 def by_dccp(scenario: Scenario) -> Controls:
-    """What DCCP's convex-concave procedure converges to."""
-    needed("dccp", "dccp")  # registers the method
+    """DCCP: the convex-concave procedure, from its own start."""
+    required_module("dccp", "dccp")  # registers the method
     model, radius = SwarmModel(scenario), scenario.problem.collision_radius
-    apart = [cp.norm(gap[k]) >= radius for gap in model.gaps() for k in range(gap.shape[0])]
-    program = cp.Problem(model.objective, model.constraints + apart)
+    separations = [
+        cp.norm(gap[k]) >= radius for gap in model.relative_positions() for k in range(gap.shape[0])
+    ]
+    program = cp.Problem(model.objective, model.constraints + separations)
     try:
         program.solve(method="dccp", solver=cp.CLARABEL, seed=0, parallel=False)
     except cp.SolverError as error:
@@ -94,13 +96,13 @@ _plain = lru_cache(maxsize=4)(PlainScp)
 
 
 def by_plain_scp(scenario: Scenario) -> Controls:
-    """The paper's kind of optimizer, from where the expert starts too."""
+    """A plain SCP, the paper's kind of optimizer, from the decoupled optima."""
     found = _plain(scenario.n, scenario.problem).solve(scenario, decoupled_seed(scenario))
     return found.controls
 
 
 def _sampled(problem: Problem) -> tuple[Float[Array, "S 6 6"], Float[Array, "S 6 m"]]:
-    """Transfer maps to POINTS times in each interval: of finer ones that share their controls."""
+    """Transfer maps to POINTS times in each interval, over which controls are constant."""
     K, step = problem.intervals, problem.time_step / POINTS
     maps = transfer_maps(replace(problem, time_step=step, nodes=K * POINTS + 1))
     shared = maps.reach.reshape(-1, 6, K, POINTS, 3).sum(axis=3)
@@ -110,7 +112,7 @@ def _sampled(problem: Problem) -> tuple[Float[Array, "S 6 6"], Float[Array, "S 6
 def by_repair(scenario: Scenario) -> Controls:
     """Prioritized planning: decoupled optima, and craft in conflict planned again in turn.
 
-    One linear program by HiGHS each, with half-spaces about its last way at sampled times.
+    Each by one linear program in HiGHS, with half-spaces about its last path at sampled times.
     """
     problem = scenario.problem
     drift, reach = _sampled(problem)
@@ -129,7 +131,7 @@ def by_repair(scenario: Scenario) -> Controls:
             method="highs",
         ).x
 
-    def way(k: int, x: Array) -> tuple[Array, Array]:
+    def trajectory(k: int, x: Array) -> tuple[Array, Array]:
         u = UNIT * (x[: len(x) // 2] - x[len(x) // 2 :])
         return u, (free[k] + reach @ u)[:, :3]
 
@@ -137,8 +139,8 @@ def by_repair(scenario: Scenario) -> Controls:
     own = [planned(k, *none) for k in range(scenario.n)]
     if any(x is None for x in own):
         raise InputError("a craft cannot reach its goal; expected a scenario that it can fly.")
-    ways = [way(k, x) for k, x in enumerate(own) if x is not None]
-    controls, paths = (np.stack(parts) for parts in zip(*ways, strict=True))
+    trajectories = [trajectory(k, x) for k, x in enumerate(own) if x is not None]
+    controls, paths = (np.stack(parts) for parts in zip(*trajectories, strict=True))
     for k in np.tile(np.repeat(np.arange(scenario.n), ROUNDS), SWEEPS):
         gap = paths[k] - paths
         distance = np.linalg.norm(gap, axis=2)
@@ -151,7 +153,7 @@ def by_repair(scenario: Scenario) -> Controls:
         floor = far - np.einsum("ci,ci->c", normal, free[k, s, :3] - paths[j, s])
         x = planned(k, rows, floor)
         if x is not None:
-            controls[k], paths[k] = way(k, x)
+            controls[k], paths[k] = trajectory(k, x)
     return controls.reshape(scenario.n, -1, 3)
 
 
@@ -163,7 +165,7 @@ class OpenScvx:
     """
 
     def __init__(self, n: int, problem: Problem, size: float) -> None:
-        ox, e, wide = needed("openscvx", "openscvx==0.5.2"), problem.mean_motion, 3 * n
+        ox, e, wide = required_module("openscvx", "openscvx==0.5.2"), problem.mean_motion, 3 * n
         p, v = (ox.State(name, shape=(wide,)) for name in ("position", "velocity"))
         fuel = ox.State("fuel", shape=(1,))
         sides = [
@@ -190,14 +192,14 @@ class OpenScvx:
             "velocity": ox.Concat(*(a for each in pull for a in each)),
             "fuel": ox.Sum(sides[0] + sides[1]),
         }
-        apart = [
+        separations = [
             ox.ctcs(problem.collision_radius <= ox.linalg.Norm(p[i : i + 3] - p[j : j + 3]))
             for i, j in combinations(x, 2)
         ]
         time = ox.Time(0.0, problem.duration, 0.0, problem.duration, uniform_time_grid=True)
         self._make: Callable[[], Any] = lambda: ox.Problem(
             dynamics=motion,
-            constraints=apart,
+            constraints=separations,
             states=[p, v, fuel],
             controls=sides,
             N=problem.nodes,
@@ -207,15 +209,15 @@ class OpenScvx:
         self._problem: Any = None
 
     def solve(self, scenario: Scenario) -> Controls:
-        """From each craft's own optimum."""
+        """Controls, starting from each craft's own optimum."""
         problem, n = scenario.problem, scenario.n
         optima = decoupled_optima(scenario.initial, scenario.goal, problem).controls
         states = fly(scenario.initial, optima, problem).swapaxes(0, 1)
         held = np.concatenate([optima, optima[:, -1:]], axis=1).swapaxes(0, 1).reshape(-1, 3 * n)
         spent = problem.time_step * np.abs(held[:-1]).sum(axis=1).cumsum()
-        ways = states[..., :3].reshape(-1, 3 * n), states[..., 3:].reshape(-1, 3 * n)
-        for state, way in zip(self._states, ways, strict=False):
-            state.guess, state.initial, state.final = way, way[0], way[-1]
+        trajectories = states[..., :3].reshape(-1, 3 * n), states[..., 3:].reshape(-1, 3 * n)
+        for state, trajectory in zip(self._states, trajectories, strict=False):
+            state.guess, state.initial, state.final = trajectory, trajectory[0], trajectory[-1]
         fuel = self._states[-1]
         fuel.initial, fuel.final = np.zeros(1), [("minimize", spent[-1])]
         fuel.guess = np.append(0.0, spent)[:, None]
@@ -235,7 +237,7 @@ _openscvx = lru_cache(maxsize=4)(OpenScvx)
 
 
 def by_openscvx(scenario: Scenario) -> Controls:
-    """OpenSCvx's successive convexification."""
+    """OpenSCvx: successive convexification with constraints in continuous time."""
     most = max(np.abs(end[:, :3]).max() for end in (scenario.initial, scenario.goal))
-    size = float(2 ** np.ceil(np.log2(most)))  # few, so that few are compiled
+    size = float(2 ** np.ceil(np.log2(most)))  # rounded up, so that few problems are compiled
     return _openscvx(scenario.n, scenario.problem, size).solve(scenario)

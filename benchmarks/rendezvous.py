@@ -1,10 +1,10 @@
-"""Rendezvous with the ISS as Transformer-MPC's authors optimize it, by their mathematics.
+"""Rendezvous with the ISS by the sequential convex programs of Transformer-MPC's authors.
 
 Guffanti, Gammelli, D'Amico and Pavone (2024), "Transformers for trajectory optimization with
 application to spacecraft rendezvous"; Celestini and others (2024), "Transformer-based model
 predictive control". Impulses at 100 nodes, mean relative elements under J2, a place to hold at, an
 approach cone, and sequential convex programs about a keep-out ellipsoid. Numbers are those of their
-repositories, and so is the start, of the script that runs one transfer.
+repositories; the start is that of their script for one transfer.
 """
 
 from collections.abc import Iterator
@@ -18,17 +18,18 @@ from pipeline.errors import ProlearnError
 ANGLES = np.radians([51.6418, 301.0371, 26.1813, 68.2333])
 CHIEF = 6378136.3 + 416e3, 0.0005581, *ANGLES  # a, e, i, Ω, ω, M; m, rad
 N = np.sqrt(3.986004415e14 / CHIEF[0] ** 3)
-NODES, HOLD = 100, 90  # and which of them is at rest ahead of the port
+NODES, HOLD = 100, 90  # their number, and the index of the one at rest ahead of the port
 STEP = 2 * 2 * np.pi / N / (NODES - 1)  # s, of two orbits
 START = np.array([0.0, 75.0, 0.0, 70.0, 0.0, 133.0])  # a (δa, δλ, δe, δi), m
 APEX, PORT, AHEAD, ANGLE = 69.0, 74.0, 104.0, np.radians(30)  # of the cone, along-track; m
 AXES = np.array([60.0, 94.0, 123.0])  # of the ellipsoid, radial, along and across; m
-MOST = 0.02  # of a burn along an axis, m/s
-TRUST, ROUNDS, STILL = (200.0, 1.0), 20, 1e-6  # m, from and to; programs; m/s
+MOST = 0.02  # largest burn along an axis, m/s
+TRUST, ROUNDS = (200.0, 1.0), 20  # first and last radius of the trust region, m; programs at most
+CONVERGED = 1e-6  # Δv saved by one more program, m/s
 
 
 def relative(node: float) -> Float[Array, "6 6"]:
-    """From relative elements, m, to LVLH states, some steps after the start."""
+    """The map from relative orbital elements, m, to LVLH states at a node, m and m/s."""
     latitude = ANGLES[2:].sum() + N * STEP * node
     c, s = np.cos(latitude), np.sin(latitude)
     place = [[1, 0, -c, -s, 0, 0], [0, 1, 2 * s, -2 * c, 0, 0], [0, 0, 0, 0, s, -c]]
@@ -37,10 +38,10 @@ def relative(node: float) -> Float[Array, "6 6"]:
 
 
 def optima(transition: Float[Array, "6 6"]) -> Iterator[tuple[Array, Array]]:
-    """Optimum after optimum: relative elements before burns (6, T), m, and burns (3, T), m/s.
+    """Successive optima: relative elements before burns (6, T), m, and burns (3, T), m/s.
 
-    First that without the ellipsoid, then those of programs about the one before, whose trust
-    region shrinks, until they move no more. From the elements' transition over STEP.
+    The first is without the ellipsoid; each later program is linearized about the optimum before
+    it, with a shrinking trust region, until convergence. ``transition``: of elements over STEP.
     """
     maps = np.stack([relative(k) for k in range(NODES)])
     s, u = cp.Variable((6, NODES)), cp.Variable((3, NODES))
@@ -66,7 +67,7 @@ def optima(transition: Float[Array, "6 6"]) -> Iterator[tuple[Array, Array]]:
         yield s.value, u.value
         moved = np.linalg.norm(s.value - elements, axis=0).max()
         less, elements, spent = spent - program.value, s.value, program.value
-        if near and moved <= TRUST[1] and less <= STILL:
+        if near and moved <= TRUST[1] and less <= CONVERGED:
             return
         near = []
         for k in range(HOLD):

@@ -2,8 +2,9 @@
 
     python -m benchmarks.scale --rows 1000000 --folder data/scale
 
-Each stage is a command in a process of its own, whose time and memory are those of the operating
-system. A folder that is there goes on where it was stopped. Prints a table, and writes scale.json.
+Each stage is a command in a process of its own, whose time and memory the operating system
+measures. In a folder of an earlier run it goes on where that stopped. Prints a table, and writes
+scale.json.
 """
 
 import os

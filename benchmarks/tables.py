@@ -1,4 +1,4 @@
-"""What benchmarks share: tables on the screen, in JSON files and on pages, and limits of time."""
+"""Helpers of benchmarks: tables on the screen, in JSON files and on pages; limits of CPU time."""
 
 import json
 import os
@@ -35,7 +35,7 @@ def show(title: str, rows: Sequence[Mapping[Any, Any]]) -> None:
 
 
 def quartiles(values: Array) -> str:
-    """Lower and upper quartile, in words."""
+    """Lower and upper quartile, as text."""
     low, high = np.percentile(values, [25, 75])
     return f"{low:.3g} to {high:.3g}"
 
@@ -55,8 +55,8 @@ def quality(plans: Sequence[Plan]) -> Row:
     }
 
 
-def renew(page: Path | None, mark: str, text: str) -> None:
-    """Print a text, and put it between the two marks of a page where one is given."""
+def update_page(page: Path | None, mark: str, text: str) -> None:
+    """Print a text and, if a page is given, put it between the page's two marks."""
     echo(*text.splitlines())
     if page is not None:
         before, _, after = page.read_text(encoding="utf-8").split(mark)
@@ -70,7 +70,7 @@ def use_one_core() -> None:
 
 
 def limited_process(patience: float) -> ProcessPoolExecutor:
-    """A process with one thread, which the system ends after so much CPU time, s.
+    """A process with one thread, which the system ends after ``patience`` s of CPU time.
 
     Its ``process_time`` may then count in ticks of some ms; ``thread_time`` does not.
     """

@@ -1,8 +1,8 @@
-"""How fast a training epoch is: beside its own matrix products, and beside a plain DataLoader loop.
+"""Time of a training epoch, beside that of its optimizer steps alone and of a DataLoader loop.
 
     python -m benchmarks.training --out reports/bench
 
-Each network is trained in four ways that take turns, so that the machine's noise falls on all
+Each network is trained in four ways that take turns, so that the machine's load affects all
 alike; times are wall-clock times, since loaders work in other processes, with torch on one
 thread. Prints a table, and writes training.json.
 """
@@ -35,7 +35,7 @@ N = 10
 CPU = torch.device("cpu")
 
 ROUNDS = {"ff1": 9, "ff2": 9, "ffcol": 9, "lstm1": 5, "lstm2": 5}
-"""How often each way has its turn, by network."""
+"""Number of epochs of each way, by network."""
 
 OURS = "prolearn"
 STEPS = "steps alone"
@@ -61,7 +61,7 @@ def main(
 
 
 def _examples(count: int) -> Examples:
-    """Scenarios of the reference problem with decoupled optima, much cheaper than plans."""
+    """Scenarios of the reference problem with decoupled optima, much cheaper than plans are."""
     problem = Problem()
     scenarios = [draw("rings", SEED, N, index, problem) for index in range(count)]
     initial = np.stack([s.initial for s in scenarios])
@@ -131,7 +131,7 @@ def _plain_epoch(
 
 
 def _in_turn(ways: Mapping[str, RunEpoch], rounds: int) -> dict[str, np.ndarray]:
-    """Seconds of each way, round after round; one more round goes before them, to warm up."""
+    """Seconds of each way in each round, after one more round to warm up."""
     seconds = [[timeit(epoch, number=1) for epoch in ways.values()] for _ in range(rounds + 1)]
     return dict(zip(ways, np.array(seconds[1:]).T, strict=True))
 

@@ -2,11 +2,11 @@
 
     python -m benchmarks.yardstick --page docs/yardstick.md
 
-Cases of one craft have a published or proven figure; swarms are planned by peers too, each one
+Cases of one craft have a published or proven Δv; swarms are planned by other planners too, each a
 function from a scenario to controls. The judge is that of the tests, which shares no code with any
-planner. All runs on one core; times are its CPU times. Peers that are not installed are left out,
-and a sentence says what to install: dccp, openscvx==0.5.2, bsk==2.12.1. What is not of this project
-plans in a process of its own, which ends after so many seconds of CPU time a swarm.
+planner. All runs on one core; times are CPU times. Planners that are not installed are left out,
+with a message that says what to install: dccp, openscvx==0.5.2, bsk==2.12.1. Those of others plan
+in a process of their own, which ends after a given CPU time for each swarm.
 """
 
 import resource
@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.basilisk import reconfiguration
 from benchmarks.peers import by_dccp, by_openscvx, by_plain_scp, by_repair
 from benchmarks.rendezvous import CHIEF, STEP, optima
-from benchmarks.tables import Page, limited_process, renew, use_one_core
+from benchmarks.tables import Page, limited_process, update_page, use_one_core
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import solve
@@ -51,10 +51,10 @@ from koenig import transition  # noqa: E402
 MARK = "<!-- made by python -m benchmarks.yardstick -->"
 PACKAGES = ("clarabel", "highspy", "cvxpy", "dccp", "openscvx", "bsk")
 SEED = 2022
-MISS, SPEED = 1e-2, 1e-5  # of a goal, m and m/s, that the judge lets pass
+MISS, SPEED = 1e-2, 1e-5  # largest errors at a goal that the judge accepts, m and m/s
 SWARMS = (("rings", 10, 10), ("dense", 10, 10), ("rings", 30, 10))  # family, n, scenarios
 PATIENCE = 300.0  # CPU time that a foreign planner has for a swarm's scenarios, s
-PARTS = 10  # of an arc, between which obstacles and corridors are looked at
+PARTS = 10  # of an arc, at whose ends obstacles and corridors are checked
 
 Planner = Callable[[Scenario], Controls]
 Norm = Literal["components", "norm"]
@@ -69,7 +69,7 @@ class Case:
     thrust: Norm  # components: Σ‖u‖₁; norm: Σ‖u‖₂
     theirs: Callable[[], float]  # Δv, m/s
     source: str
-    why: str  # in what way ours is not theirs
+    why: str  # reason for the difference
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Peer:
     plan: Planner
     what: str
     foreign: bool = False  # plans in a process of its own, whose time is limited
-    compiles: bool = False  # at times before a plan, which is not counted but against that limit
+    compiles: bool = False  # before some plans: not timed, but counted against that limit
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def damico(in_plane: float, across: float, thrust: Norm) -> float:
 
 
 def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Case]:
-    """A change of both vectors, in either norm."""
+    """The cases of a change (in plane, across), m, one in either norm."""
     whys: dict[Norm, str] = {
         "components": "Arcs again; and states that have the elements exactly differ from the "
         "linear ones by millimetres in the plane, which here are paid besides.",
@@ -123,7 +123,7 @@ def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Case]:
 
 
 def rendezvous() -> float:
-    """Δv to the ISS by sequential convex programs, m/s."""
+    """Δv of the rendezvous with the ISS by sequential convex programs, m/s."""
     *_, (_, burns) = optima(transition(np.array(CHIEF), STEP))
     return float(np.linalg.norm(burns, axis=0).sum())
 
@@ -194,7 +194,7 @@ PEERS = (
 
 
 def flown(scenario: Scenario, controls: Controls) -> np.ndarray:
-    """States by the judge: about a circle or a Keplerian ellipse at nodes, under J2 between too."""
+    """States by the judge, (n, T, 6): at the nodes, and under J2 also between them."""
     orbit, step = scenario.problem.orbit, scenario.problem.time_step
     if orbit is None:
         return fly(Circle.of(document_of(scenario)), scenario.initial, controls)
@@ -214,7 +214,7 @@ def flown(scenario: Scenario, controls: Controls) -> np.ndarray:
 
 
 def clearance(scenario: Scenario, states: np.ndarray) -> float:
-    """Least distance of states from an ellipsoid about the origin and to a corridor's edge, m."""
+    """Least distance of positions to ellipsoids about the origin and to corridors' edges, m."""
     asked, places = document_of(scenario), states[..., :3].reshape(-1, 3)
     ellipsoids = [np.array(one["semi_axes"]) for one in asked.get("obstacles", [])]
     apart = [float(outside(places, axes).min()) for axes in ellipsoids]
@@ -223,7 +223,7 @@ def clearance(scenario: Scenario, states: np.ndarray) -> float:
 
 
 def judged(scenario: Scenario, controls: Controls) -> Verdict:
-    """What the judge finds of controls; distances of swarms are about circles only."""
+    """The judge's verdict on controls; distances in swarms only about circular orbits."""
     states = flown(scenario, controls)
     miss = np.abs(states[:, -1] - scenario.goal)
     arrives = bool(miss[:, :3].max() <= MISS and miss[:, 3:].max() <= SPEED)
@@ -247,7 +247,7 @@ def cost(scenario: Scenario) -> float:
 
 
 def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
-    """Our Δv of a case beside theirs, with other arcs than the file's where that is asked for."""
+    """A row with our Δv of a case beside theirs; ``intervals`` replaces the number of arcs."""
     ours, theirs = 0.0, case.theirs()
     for file in case.files:
         scenario = read_scenario(ROOT / f"examples/{file}.json")
@@ -270,7 +270,7 @@ def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
 
 
 class Planning:
-    """A peer that plans a swarm's scenarios; a foreign one in a process with a time limit."""
+    """A peer planning a swarm's scenarios; a foreign one does so in a process with a time limit."""
 
     def __init__(self, peer: Peer, patience: float) -> None:
         self.peer, self.made = peer, list[tuple[Verdict, float]]()
@@ -337,7 +337,7 @@ def swarm_rows(
 
 
 def _figures(one: Planning, ours: Planning, least: np.ndarray) -> dict[str, object]:
-    """Columns of a row: of what was planned before the process ended, and the same of ours."""
+    """Columns of a row, on the scenarios planned before the process ended, beside ours on these."""
     few = len(one.made)
     safe = [verdict.safe(Problem().collision_radius) for verdict, _ in one.made]
     (fuel, seconds), (our_fuel, our_seconds) = (
@@ -356,7 +356,7 @@ def _figures(one: Planning, ours: Planning, least: np.ndarray) -> dict[str, obje
 
 
 def _spread(values: np.ndarray, digits: str) -> str:
-    """Median, and from least to most where there are several; of those that are numbers."""
+    """Median of the finite values, with the range if there are several, as text."""
     found = values[np.isfinite(values)]
     if len(found) == 0:
         return ""
@@ -392,7 +392,7 @@ def main(
                 echo(f"{case.name} is left out: {missing}")
         swarms = [row for swarm in SWARMS for row in swarm_rows(swarm, patience=patience)]
     tables = [pd.DataFrame(rows).to_markdown(index=False) for rows in (cases, swarms)]
-    renew(page, MARK, "\n\n".join([*tables, _versions()]))
+    update_page(page, MARK, "\n\n".join([*tables, _versions()]))
 
 
 if __name__ == "__main__":

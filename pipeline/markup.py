@@ -1,4 +1,4 @@
-"""Markdown (CommonMark, GitHub) and Jinja templates in which text from elsewhere stays text."""
+"""Markdown (CommonMark, GitHub) and Jinja templates that escape the text put into them."""
 
 import re
 from collections.abc import Collection, Iterable, Sequence
@@ -11,7 +11,7 @@ from pipeline.text import visible
 
 
 class Markdown(str):
-    """Markdown; other text is escaped where it goes into it, and so is what ``str`` makes of it."""
+    """Text that is Markdown and is not escaped again; results of its ``str`` methods are."""
 
     __slots__ = ()
 
@@ -89,7 +89,7 @@ def _cell(value: object) -> str:
 
 
 def _inline(value: object) -> str:
-    # White space is kept at both ends, where a template may have set it to part words.
+    # White space is kept at both ends, where it may separate words of a template.
     return _INLINE.sub(r"\\\g<0>", visible(re.sub(r"\s+", " ", str(value))))
 
 

@@ -18,8 +18,8 @@ from pipeline.documents import parsed
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import EpochLosses, Training
 from pipeline.experiments.trainings import curves_figure
+from pipeline.figures.style import planner_styles
 from pipeline.figures.style import save as save_figure
-from pipeline.figures.style import styles
 from pipeline.files import write_text
 from pipeline.networks.document import WEIGHTS_FILE
 from pipeline.networks.model import Model, save
@@ -207,7 +207,9 @@ def _log_curves(store: Store, run_id: str, record: TrainingRecord) -> None:
         arch=arch, recipe=record.params["recipe"], training_seed=record.params["seed"]
     )
     with scratch_folder() as scratch:
-        save_figure(curves_figure(curves, styles([arch])), scratch / "learning_curve", [".png"])
+        save_figure(
+            curves_figure(curves, planner_styles([arch])), scratch / "learning_curve", [".png"]
+        )
         store.client.log_artifacts(run_id, str(scratch), "figures")
 
 

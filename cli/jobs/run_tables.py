@@ -17,7 +17,7 @@ from pipeline.experiments.experiment5 import summarize_flights
 from pipeline.experiments.records import PREDICTED, TABLES
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.experiments.verdicts import DECOUPLED
-from pipeline.figures.style import save, styles
+from pipeline.figures.style import planner_styles, save
 from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
@@ -93,7 +93,7 @@ def add_to_model(
     mine = summarize(trials[same & (trials.training_seed == one.training_seed)])
     beside = summarize(trials[trials.planner == Expert().name])
     summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), one]
-    paper, style = sizes_of_paper(summary), styles(summary["planner"])
+    paper, style = sizes_of_paper(summary), planner_styles(summary["planner"])
     metrics = _metrics(mine, network.model.n_train)
     with scratch_folder() as scratch:
         for name in ("collisions", "fuel", "safe"):

@@ -1,4 +1,4 @@
-"""Averages of trials by planner: each defined once, for summaries, tables and figures."""
+"""Averages over trials by planner, defined once for summaries, tables and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,17 +17,17 @@ from pipeline.figures.labels import count, error, in_order, name_of, number, rat
 from pipeline.figures.style import PAGE_WIDTH, Style, fit_scale
 from pipeline.figures.tables import Column, Table
 
-How = str | Callable[["pd.Series[Any]"], object]
+Aggregation = str | Callable[["pd.Series[Any]"], object]
 """How numbers become one, in pandas' terms."""
 
 
 @dataclass(frozen=True)
 class Average(Column):
-    """A column of a summary, ``source``: the trials of each training first, then the trainings."""
+    """A column of a summary: over the trials of each training first, then over the trainings."""
 
     of: str = ""  # column of the trials
-    how: How = "mean"  # how the trials of one training become one number
-    over: How = "mean"  # how the trainings that differ in their seed alone do
+    over_trials: Aggregation = "mean"  # over the trials of one training
+    over_seeds: Aggregation = "mean"  # over the trainings that differ in their seed alone
 
 
 def average(
@@ -35,58 +35,60 @@ def average(
     source: str,
     text: Callable[[float], str] | None,
     of: str = "",
-    how: How = "mean",
-    over: How = "mean",
+    over_trials: Aggregation = "mean",
+    over_seeds: Aggregation = "mean",
     *,
     spread: bool = False,
     wilson: bool = False,
 ) -> Average:
-    """An average, perhaps with its spread between trainings, or with Wilson's interval."""
+    """An average, optionally with its spread between trainings or Wilson's interval."""
     stem = source.removesuffix("_mean").removesuffix("_share")
     between = f"{stem}_spread" if spread else ""
     ends = (f"{stem}_low", f"{stem}_high") if wilson else None
-    return Average(title, source, text, between, ends, of=of, how=how, over=over)
+    return Average(
+        title, source, text, between, ends, of=of, over_trials=over_trials, over_seeds=over_seeds
+    )
 
 
 TRIALS = average("Trials", "trials", count, "trial", "nunique", "max")
 
 
-def averaged(
+def aggregate(
     rows: pd.DataFrame,
     group: Sequence[str],
     averages: Sequence[Average],
     order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """Averages over the trials of each group of planners, with seeds (trainings) and trials.
+    """Averages over the trials of each group, with the numbers of trainings (seeds) and trials.
 
-    Rows are trials, with their training_seed. Averages are sorted by the group's columns, in the
-    ``order`` of values that is given or in their own; planners have their reading order.
+    Rows are trials, with their training_seed. The result is sorted by the group's columns: by the
+    given ``order`` of values, else ascending; planners by ``in_order``.
     """
     averages = (TRIALS, *averages)
     each = rows.groupby([*group, "training_seed"], as_index=False, sort=False).agg(
-        **{one.source: (one.of, one.how) for one in averages}
+        **{one.source: (one.of, one.over_trials) for one in averages}
     )
-    summary = over_trainings(each, group, averages, order)
+    summary = aggregate_trainings(each, group, averages, order)
     for one in averages:
         if one.interval:
-            # Trainings with other seeds flew the same trials, so they add none.
+            # All trainings have the same trials, so more of them do not narrow the interval.
             pairs = zip(summary[one.source].astype(float), summary["trials"], strict=True)
             summary[list(one.interval)] = [wilson(share, int(trials)) for share, trials in pairs]
     return summary
 
 
-def over_trainings(
+def aggregate_trainings(
     each: pd.DataFrame,
     group: Sequence[str],
     averages: Sequence[Average],
     order: Mapping[str, Sequence[str]],
 ) -> pd.DataFrame:
-    """Averages over trainings that differ in their seed alone; spreads come last.
+    """Averages over trainings that differ in their seed alone, with spreads in the last columns.
 
     Rows are trainings, with their training_seed and the averages' ``source``.
     """
     groups = each.groupby(list(group), as_index=False, sort=False)
-    found = groups.agg({one.source: one.over for one in averages})
+    found = groups.agg({one.source: one.over_seeds for one in averages})
     found.insert(len(group), "seeds", groups["training_seed"].nunique()["training_seed"])
     spreads = {one.source: one.spread for one in averages if one.spread}
     found[list(spreads.values())] = groups[list(spreads)].std()[list(spreads)]
@@ -101,11 +103,15 @@ def over_trainings(
     return found.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
 
 
-PLANNER = ["planner", "recipe", "reading"]
-"""Columns by which a row of a summary stands for a planner."""
+PLANNER_KEY = ["planner", "recipe", "reading"]
+"""Columns that identify a planner in a summary."""
 
-NAMED = [Column("Planner", "name"), Column("Recipe", "recipe"), Column("Reading", "reading")]
-"""The same on the page, for rows from ``named``."""
+PLANNER_COLUMNS = [
+    Column("Planner", "name"),
+    Column("Recipe", "recipe"),
+    Column("Reading", "reading"),
+]
+"""The same on the page, for rows from ``with_names``."""
 
 COLLISIONS = average("Collisions, av.", "collisions_mean", number, "node_collisions", spread=True)
 MOST_COLLISIONS = average("Collisions, max.", "collisions_max", count, COLLISIONS.of, "max", "max")
@@ -127,38 +133,38 @@ AVERAGES = (
     *(BOUNDARY, DYNAMICS, SECONDS, SOLVES),
 )
 
-NO_FUEL = 1e-9  # a bound below which fuel / bound says nothing, m/s²
+NEGLIGIBLE_FUEL = 1e-9  # a bound below this is rounding: fuel has no ratio to it, m/s²
 
 ORDER = {"recipe": ["", "paper", "tuned"], "reading": [PLAN, PREDICTED, FLOWN]}
-"""Reading order of a planner's rows; what else there is comes last."""
+"""Order of a planner's rows in tables; other values come last."""
 
 
 def summarize(trials: pd.DataFrame, by: Sequence[str] = ("n",)) -> pd.DataFrame:
-    """Averages over the trials of each planner, recipe and reading, in reading order.
+    """Averages over the trials of each planner, recipe and reading, in the order of tables.
 
-    Rows have columns ``PLANNER``, ``by``, seeds, trials and those of ``AVERAGES``; the share of
+    Rows have columns ``PLANNER_KEY``, ``by``, seeds, trials and those of ``AVERAGES``; the share of
     safe trials is not a number where predicted.
     """
-    return averaged(prepared(trials), [*PLANNER, *by], AVERAGES, ORDER)
+    return aggregate(prepared(trials), [*PLANNER_KEY, *by], AVERAGES, ORDER)
 
 
 def prepared(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials with fuel_ratio (fuel over bound), and safe as 1 or 0, or NaN where predicted."""
+    """Trials with a column fuel_ratio (fuel over bound), and safe as 1, 0, or NaN if predicted."""
     bound = trials["fuel_lower_bound"].astype(float)
     return trials.assign(
         recipe=trials["recipe"].fillna(""),
         safe=as_share(trials["safe"]).where(trials["reading"] != PREDICTED),
-        fuel_ratio=trials["fuel"].astype(float) / bound.where(bound > NO_FUEL),
+        fuel_ratio=trials["fuel"].astype(float) / bound.where(bound > NEGLIGIBLE_FUEL),
     )
 
 
 def as_share(safe: "pd.Series[bool]") -> "pd.Series[float]":
-    """1 where safe, else 0."""
+    """Safe as 1; unsafe and unknown as 0."""
     return safe.astype("boolean").fillna(False).astype(float)
 
 
-def named(rows: pd.DataFrame) -> pd.DataFrame:
-    """Rows with the names that the page has for planners."""
+def with_names(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows with a column name: the planners' names as printed."""
     return rows.assign(name=[name_of(planner) for planner in rows["planner"]])
 
 
@@ -173,7 +179,7 @@ def reference_size(trials: pd.DataFrame) -> int:
 
 
 SHOWN = {"collisions": COLLISIONS, "safe": SAFE, "fuel": FUEL_RATIO}
-"""Averages that have a table and a figure against a variable, by the table's name."""
+"""Averages with a table against swarm size or transfer time, by the table's name."""
 
 
 def tables_against(
@@ -181,31 +187,33 @@ def tables_against(
 ) -> dict[str, Table]:
     """A table for each average of SHOWN: a row for each planner, a column for each value.
 
-    The CSV file has a column for each value of the variable; the page has those that are
-    ``printed``, by headings of its own. Predictions have no share of safe trials.
+    The CSV file has all values of the variable; the page has the keys of ``printed``, under the
+    headings that these map to. Predictions have no share of safe trials.
     """
     tables = {}
     for name, one in SHOWN.items():
         rows = summary[summary["reading"] != PREDICTED] if one is SAFE else summary
-        frame, columns = wide(rows, PLANNER, variable, one, printed)
-        tables[name] = Table(f"{experiment}-{name}", named(frame), [*NAMED, *columns])
+        frame, columns = pivot_average(rows, PLANNER_KEY, variable, one, printed)
+        tables[name] = Table(
+            f"{experiment}-{name}", with_names(frame), [*PLANNER_COLUMNS, *columns]
+        )
     return tables
 
 
-def printed_of(values: Iterable[Any], usual: Iterable[Any]) -> list[Any]:
-    """Values with a column on the page: all if they are few, else the usual and both ends."""
+def printed_values(values: Iterable[Any], usual: Iterable[Any]) -> list[Any]:
+    """Values with a column on the page: all if few, else the least, the greatest and the usual."""
     found, usual = sorted(set(values)), set(usual)
     few = len(found) <= len(usual) + 1
     return found if few else [v for v in found if v in usual | {found[0], found[-1]}]
 
 
-def wide(
+def pivot_average(
     rows: pd.DataFrame, index: list[str], variable: str, one: Average, printed: Mapping[str, str]
 ) -> tuple[pd.DataFrame, list[Average]]:
-    """An average with a column for each value of a variable, in the rows' own order.
+    """An average with a column for each value of a variable, in the order of the rows.
 
-    Ends of intervals and spreads between trainings, where there are any, stand in columns
-    ``VALUE low``, ``VALUE high`` and ``VALUE ±``. Columns of the page are those ``printed``.
+    Ends of intervals and spreads between trainings, if any, are in columns ``VALUE low``,
+    ``VALUE high`` and ``VALUE ±``. Returns the frame and the columns ``printed`` on the page.
     """
     frame, headings = rows[index].drop_duplicates(), list(dict.fromkeys(rows[variable]))
     suffixes = {one.source: "", **dict(zip(one.interval or (), (" low", " high"), strict=False))}
@@ -229,7 +237,7 @@ def wide(
 
 
 class Panel(NamedTuple):
-    """One panel of ``lines_figure``: rows of a summary, one for each planner and abscissa."""
+    """A panel of ``lines_figure``: rows of a summary, one for each planner and abscissa."""
 
     rows: pd.DataFrame
     average: Average
@@ -239,7 +247,7 @@ class Panel(NamedTuple):
 def lines_figure(
     grid: Sequence[Sequence[Panel]],
     against: tuple[str, str],
-    look: Mapping[str, Style],
+    styles: Mapping[str, Style],
     size: tuple[float, float],
     quoted: Sequence[float] = (),
     handles: Sequence[Line2D] = (),
@@ -247,7 +255,7 @@ def lines_figure(
 ) -> tuple[Figure, Any]:
     """Averages against a variable: a line for each planner, a band for its spread.
 
-    All panels of an average have one scale, on which ``quoted`` values are, too. ``against`` is the
+    All panels of one average share a scale, which covers the ``quoted`` values. ``against`` is the
     column on the horizontal axis and its label; ``handles`` are further entries of the legend; size
     is in inches; ``shared`` goes to ``Figure.subplots``.
     """
@@ -255,7 +263,7 @@ def lines_figure(
     axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)
     panels = [panel for line in grid for panel in line]
     for ax, (rows, one, title) in zip(axes.flat, panels, strict=True):
-        _draw_lines(ax, rows, against[0], one, look)
+        _draw_lines(ax, rows, against[0], one, styles)
         ax.set_title(title)
         if one.text is share:
             ax.set_ylim(-0.03, 1.03)
@@ -269,25 +277,25 @@ def lines_figure(
                 ax.set_ylabel(panel.average.title)
     for ax in axes[-1]:
         ax.set_xlabel(against[1])
-    planners = planner_handles(pd.concat([panel.rows["planner"] for panel in panels]), look)
+    planners = planner_handles(pd.concat([panel.rows["planner"] for panel in panels]), styles)
     handles, columns = [*planners, *handles], 3 if size[0] < PAGE_WIDTH else 4
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=3)
     return figure, axes
 
 
 def _draw_lines(
-    ax: Axes, rows: pd.DataFrame, against: str, one: Average, look: Mapping[str, Style]
+    ax: Axes, rows: pd.DataFrame, against: str, one: Average, styles: Mapping[str, Style]
 ) -> None:
     for k, planner in enumerate(in_order(rows["planner"])):
         line = rows[rows["planner"] == planner].drop_duplicates(against).sort_values(against)
-        x, y, style = line[against], line[one.source], look[planner]
-        step = max(1, len(line) // 8)  # some eight markers, at other points on the next line
+        x, y, style = line[against], line[one.source], styles[planner]
+        step = max(1, len(line) // 8)  # some eight markers a line, staggered between lines
         ax.plot(x, y, markevery=(k % step, step), **style.drawn)
         if one.spread and line[one.spread].notna().any():
             band = line[one.spread]
             ax.fill_between(x, y - band, y + band, color=style.colour, alpha=0.2, linewidth=0)
 
 
-def planner_handles(planners: Iterable[str], look: Mapping[str, Style]) -> list[Line2D]:
-    """A legend's entry for each planner."""
-    return [Line2D([], [], label=name_of(p), **look[p].drawn) for p in in_order(planners)]
+def planner_handles(planners: Iterable[str], styles: Mapping[str, Style]) -> list[Line2D]:
+    """Legend entries of planners."""
+    return [Line2D([], [], label=name_of(p), **styles[p].drawn) for p in in_order(planners)]

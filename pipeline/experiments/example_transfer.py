@@ -1,4 +1,4 @@
-"""One transfer as several planners fly it: made, written to a file and read."""
+"""Example transfers by several planners: planned, written to a file and read."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,13 +14,13 @@ from pipeline.figures.transfer import Example
 from pipeline.orbit.transfer import track
 from pipeline.scenario import Scenario
 
-TRACK_STEPS = 12  # points an interval in the example transfers
+TRACK_STEPS = 12  # points of a track in each interval
 PREFIX = "track:"  # beginning of the names of tracks in a file
-MOST_BYTES = 250 * 10**6  # of the largest file read, in memory; a usual one has some hundred kB
+MOST_BYTES = 250 * 10**6  # largest unpacked file that is read; a usual one has some hundred kB
 
 
 def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:
-    """One transfer by every planner; of trainings that share a label, the first is flown."""
+    """One transfer by every planner; of trainings with the same label, by the first."""
     tracks = {}
     for one in planners:
         if one.label not in tracks:
@@ -61,7 +61,7 @@ def read_example(path: Path) -> Example:
 
 
 def _numbers(array: Any, dimensions: int, components: int | None = None) -> Float[Array, "..."]:
-    """Finite numbers with so many dimensions, the last of them of so many components."""
+    """The array as floats; ValueError unless finite, with these dimensions and components."""
     shape = array.shape
     if array.dtype.kind not in "fi" or not np.isfinite(array).all():
         raise ValueError("it has values that are not finite numbers")

@@ -19,14 +19,14 @@ from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
 COLUMNS = [
-    *(*averages.NAMED, COLLISIONS, Column("paper", "paper_collisions_mean", number)),
+    *(*averages.PLANNER_COLUMNS, COLLISIONS, Column("paper", "paper_collisions_mean", number)),
     *(averages.MOST_COLLISIONS, Column("paper", "paper_collisions_max", labels.count)),
     *(averages.CONFLICTS, averages.SAFE, FUEL, Column("paper", "paper_fuel_mean", number)),
     *(averages.FUEL_RATIO, averages.BOUNDARY, averages.DYNAMICS),
 ]
 
 
-def section(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section:
+def section(summary: pd.DataFrame, n: int, styles: Mapping[str, Style]) -> Section:
     """Table and figure of the averages from ``summarize`` at one swarm size."""
     table = objectives_table(summary, n)
     trials = table.frame["trials"]
@@ -36,14 +36,14 @@ def section(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Section
         "refiner": summary["planner"].isin(labels.REFINERS).any(),
         "trials": sorted({int(trials.min()), int(trials.max())}),
         "table_2": table,
-        "figures_2_3": Picture("experiment1", objectives_figure(summary, n, look)),
+        "figures_2_3": Picture("experiment1", objectives_figure(summary, n, styles)),
     }
     return Section("pipeline/experiments/experiment1.md.jinja", values)
 
 
 def objectives_table(summary: pd.DataFrame, n: int) -> Table:
-    """The paper's Table 2 at one swarm size; the paper's own figures only belong to n=10."""
-    frame = averages.named(summary[summary["n"] == n].reset_index(drop=True))
+    """The columns of the paper's Table 2 at one swarm size; its own numbers beside them at n=10."""
+    frame = averages.with_names(summary[summary["n"] == n].reset_index(drop=True))
     known = paper.OBJECTIVES if n == paper.NETWORK_SIZE else paper.OBJECTIVES.head(0)
     quoted = known.reindex(["expert" if p in EXPERTS else p for p in frame["planner"]])
     frame = frame.join(quoted.add_prefix("paper_").set_index(frame.index))
@@ -51,7 +51,7 @@ def objectives_table(summary: pd.DataFrame, n: int) -> Table:
 
 
 RECIPE_MARKERS = {"": "D", "paper": "o", "tuned": "s"}
-OFFSET = 0.13  # rows between a planner's recipes, so that equal values do not hide each other
+OFFSET = 0.13  # of a planner's recipes from its row, so that equal values do not hide each other
 
 DOTTED: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (1, 1.5))}
 MARK: dict[str, Any] = {"color": GREY, "linestyle": "none"}
@@ -71,11 +71,11 @@ LEGEND: dict[str, dict[str, Any]] = {
     "lower bound": DOTTED,
     "reported in the paper": PAPER,
 }
-"""What stands for what; the last only where the paper has numbers."""
+"""Legend: matplotlib's arguments by label; the last entry only where the paper has numbers."""
 
 
 @in_style
-def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
+def objectives_figure(summary: pd.DataFrame, n: int, styles: Mapping[str, Style]) -> Figure:
     """Average collisions and average fuel of each planner, one row each, at swarm size n."""
     rows = summary[summary["n"] == n]
     planners = labels.in_order(rows["planner"])
@@ -85,7 +85,7 @@ def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) 
     bound = float(rows[BOUND.source].mean())
     right.axvline(bound, **DOTTED)
     for ax, one, quoted, least in ((left, COLLISIONS, collisions, 0.0), (right, FUEL, fuel, bound)):
-        _dots(ax, rows, look, one, quoted)
+        _dots(ax, rows, styles, one, quoted)
         fit_scale(ax, "x", [*rows[one.source], *quoted.values(), least])
         ax.tick_params(axis="y", length=0)
     left.set_xlabel("node collisions per trial, average")
@@ -93,15 +93,16 @@ def objectives_figure(summary: pd.DataFrame, n: int, look: Mapping[str, Style]) 
     left.set_yticks(np.arange(len(planners)), [labels.name_of(p) for p in planners])
     left.set_ylim(len(planners) - 0.5, -0.5)
     handles = [Line2D([], [], label=label, **drawn) for label, drawn in LEGEND.items()]
-    quoted_too = len(handles) if n == paper.NETWORK_SIZE else -1
-    figure.legend(handles=handles[:quoted_too], loc="outside lower center", ncols=3)
+    if n != paper.NETWORK_SIZE:
+        handles.pop()
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 
 def _dots(
     ax: Axes,
     rows: pd.DataFrame,
-    look: Mapping[str, Style],
+    styles: Mapping[str, Style],
     one: Average,
     quoted: Mapping[str, float],
 ) -> None:
@@ -110,7 +111,7 @@ def _dots(
     for row in rows.to_dict("records"):
         planner, recipe = str(row["planner"]), str(row["recipe"])
         shift = OFFSET * (2 * recipes.index(recipe) - len(recipes) + 1) if recipe in recipes else 0
-        hollow, colour = row["reading"] == PREDICTED, look[planner].colour
+        hollow, colour = row["reading"] == PREDICTED, styles[planner].colour
         ax.errorbar(
             float(row[one.source]),
             planners.index(planner) + shift,
@@ -127,7 +128,7 @@ def _dots(
             zorder=3,
         )
     for k, planner in enumerate(planners):
-        # The paper's "true" stands beside both experts: it keeps craft apart at the nodes only.
+        # The paper's "true" is compared with both experts: it separates craft at the nodes only.
         reported = quoted.get("expert" if planner in EXPERTS else planner)
         if reported is not None:
             ax.plot(reported, k, **PAPER)
@@ -137,7 +138,7 @@ NEAR = 2.0  # factor either way within which a number is called near the paper's
 FEWER, CHEAPER = 0.5, 0.1  # targets of the tuned networks: shares of the paper's numbers
 
 REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False, False), "No"))
-"""By whether all numbers of all networks are so, and any."""
+"""By whether all numbers of all networks are as asked, and whether any is."""
 
 
 def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
@@ -147,7 +148,7 @@ def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Findi
 
 
 def paper_findings(summary: pd.DataFrame) -> list[Finding]:
-    """A row for each recipe that networks of the paper were trained by, beside its Table 2."""
+    """Findings on the paper's networks against its Table 2, one for each training recipe."""
     here = summary[summary["n"] == paper.NETWORK_SIZE]
     beside = "".join(
         f"Decoupled optimum: {number(row[COLLISIONS.source])} collisions, "
@@ -172,10 +173,10 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
             near = f"within a factor of {NEAR:g}: collisions {collisions}, fuel {fuel}"
             numbers = f"as predicted, {spans}; {near}"
         else:
-            question = "Has the tuned recipe half of its collisions at a tenth of its fuel?"
+            question = "Has the tuned recipe half of the paper's collisions at a tenth of its fuel?"
             good = over <= [FEWER, CHEAPER]
             fewer, cheaper = good.sum()
-            numbers = f"flown, {spans}; {fewer} and {cheaper} of {len(rows)} so good"
+            numbers = f"flown, {spans}; {fewer} and {cheaper} of {len(rows)} networks do"
         verdict = decide(REPRODUCED, bool(good.all(axis=None)), bool(good.any(axis=None)))
         found.append(Finding(question, verdict, numbers, beside))
     return found

@@ -33,15 +33,15 @@ from pipeline.figures.tables import Picture, Section, Table
 PRINTED_SIZES = {2, 5, 10, 20, 30}  # that the page shows where evaluated; the CSV files have all
 
 
-def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
-    """Figures and tables of the averages from ``summarize``, where several n up to 30 have some."""
+def section(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
+    """Figures and tables of the averages from ``summarize``, if these are of several n up to 30."""
     summary = averages.sizes_of_paper(summary)
     sizes = sorted(map(int, summary["n"].unique()))
     values: dict[str, Any] = {"sizes": sizes}
     if len(sizes) > 1:
         values |= {"paper": paper, "tables": sizes_tables(summary)}
         values["pictures"] = {
-            name: Picture(f"experiment2-{name}", sizes_figure(summary, what, look))
+            name: Picture(f"experiment2-{name}", sizes_figure(summary, what, styles))
             for name, what in QUANTITIES.items()
             if summary[what.average.source].notna().any()
         }
@@ -50,7 +50,7 @@ def section(summary: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 def sizes_tables(summary: pd.DataFrame) -> dict[str, Table]:
     """Collisions, share of safe trials and fuel: a column for each of a few swarm sizes."""
-    sizes = averages.printed_of(summary["n"], PRINTED_SIZES)
+    sizes = averages.printed_values(summary["n"], PRINTED_SIZES)
     rows = summary.assign(size=summary["n"].astype(str))
     return averages.tables_against(rows, "experiment2", "size", {str(n): f"n = {n}" for n in sizes})
 
@@ -60,7 +60,7 @@ class Quantity(NamedTuple):
 
     average: Average
     readings: tuple[str, ...] = (PREDICTED, FLOWN)  # of networks: a row of panels each
-    paper: Mapping[int, Mapping[str, float]] = MappingProxyType({})  # by n and planner
+    paper: Mapping[int, Mapping[str, float]] = MappingProxyType({})  # its values by n and planner
 
 
 QUANTITIES = {
@@ -72,18 +72,18 @@ QUANTITIES = {
     ),
 }
 
-DODGE = 0.4  # spacecraft by which the paper's markers at one n are moved apart, to be told apart
+DODGE = 0.4  # horizontal distance of the paper's markers at one n, spacecraft
 HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}  # the paper's markers
 
 
 @in_style
-def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style]) -> Figure:
+def sizes_figure(summary: pd.DataFrame, what: Quantity, styles: Mapping[str, Style]) -> Figure:
     """One quantity against n: a row of panels for each reading, a column for each recipe.
 
-    Experts, baselines and planners without a recipe whose output is a plan stand in every panel.
+    Experts, baselines and planners without a recipe whose output is a plan are in every panel.
     """
     rows = summary.dropna(subset=[what.average.source])
-    # A network whose output is a plan stands with those that are flown, by its recipe.
+    # A network whose output is a plan is drawn among those that are flown, by its recipe.
     plan = (rows["reading"] == PLAN) & (rows["recipe"] != "") & rows["planner"].map(is_network)
     rows = rows.assign(reading=rows["reading"].mask(plan, FLOWN))
     raw_network = rows["planner"].map(is_network) & (rows["reading"] != PLAN)
@@ -107,7 +107,7 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
     figure, axes = averages.lines_figure(
         grid,
         ("n", "spacecraft n"),
-        look,
+        styles,
         (width, 1.1 + 2.3 * len(readings)),
         quoted=[value for points in what.paper.values() for value in points.values()],
         handles=[papers] if what.paper else [],
@@ -118,7 +118,10 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, look: Mapping[str, Style
         for n, quoted in what.paper.items():
             shown = [p for p in in_order(quoted) if p in set(drawn.rows["planner"])]
             for k, planner in enumerate(shown):
-                style = {"marker": look[planner].marker, "markeredgecolor": look[planner].colour}
+                style = {
+                    "marker": styles[planner].marker,
+                    "markeredgecolor": styles[planner].colour,
+                }
                 at = n + DODGE * (k - (len(shown) - 1) / 2)
                 ax.plot(at, quoted[planner], markersize=4.8, zorder=4, **style, **HOLLOW)
     return figure
@@ -135,20 +138,20 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
 
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
-    """Whether feed-forward networks collide less than LSTMs, where both took part in one recipe."""
+    """Whether feed-forward networks collide less than LSTMs, if both were trained by one recipe."""
     asked = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
     families = FEED_FORWARD, RECURRENT
-    return _on_families(summary, asked, "node collisions", QUANTITIES["collisions"], families)
+    return _compare_families(summary, asked, "node collisions", QUANTITIES["collisions"], families)
 
 
 def fuel_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether LSTMs burn less than feed-forward networks, in the largest swarm and at n = 10."""
     asked = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
     families, sizes = (RECURRENT, FEED_FORWARD), (paper.NETWORK_SIZE,)
-    return _on_families(summary, asked, "fuel in m/s²", QUANTITIES["fuel"], families, sizes)
+    return _compare_families(summary, asked, "fuel in m/s²", QUANTITIES["fuel"], families, sizes)
 
 
-def _on_families(
+def _compare_families(
     summary: pd.DataFrame,
     asked: str,
     name: str,
@@ -162,14 +165,16 @@ def _on_families(
     """
     summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
-    free = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[what.average.source]
+    decoupled = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[
+        what.average.source
+    ]
     for recipe, reading in product(("paper", "tuned", ""), (PREDICTED, FLOWN)):
         rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
         how = f"{recipe} recipe, " if recipe else ""
         how += "as predicted" if reading == PREDICTED else "flown"
         found = []
         for n in sorted({*sizes, *rows["n"].nlargest(1)}):
-            said = verdicts.on_families(rows[rows["n"] == n], *families, what.average)
+            said = verdicts.compare_families(rows[rows["n"] == n], *families, what.average)
             if said is None:
                 continue
             verdict, numbers = said
@@ -177,7 +182,7 @@ def _on_families(
             if quoted:
                 numbers += f" (paper: {min(quoted)} at best against {max(quoted)} at worst)"
             numbers = f"{name} at n = {n}, {how}: {numbers}"
-            beside = f"Decoupled optimum: {number(free[n])}" if n in free else ""
+            beside = f"Decoupled optimum: {number(decoupled[n])}" if n in decoupled else ""
             found.append(Finding(asked.format(n=n), verdict, numbers, beside))
         if found:
             return found
@@ -206,7 +211,7 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
         return each.pivot_table("log", "n", "trial").reindex(ends)
 
     def growth(of: pd.DataFrame) -> float:
-        """Ratio of the geometric mean times at both n, of their logarithms."""
+        """Ratio of the geometric mean times at both n, from their logarithms."""
         return float(np.exp(np.diff(of.mean(axis=1)).item()))
 
     ours = [logs(rows) for _, rows in networks.groupby(["planner", "recipe"])]

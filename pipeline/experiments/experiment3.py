@@ -1,4 +1,4 @@
-"""Experiment 3: time of the expert and of a plain SCP from each seed (the paper's Figure 8)."""
+"""Experiment 3: run time of the expert and of a plain SCP by seed (the paper's Figure 8)."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
@@ -20,7 +20,7 @@ from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, fit_scale
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.plan import SOLVED
 
-GROUP = ["optimizer", "n", "rule", "seed"]  # what a row of the summary stands for
+GROUP = ["optimizer", "n", "rule", "seed"]  # columns that identify a row of the summary
 
 SOLVES = average("Convex solves, av.", "solves_mean", number, "convex_solves")
 ONE_SOLVE = average("Done in one", "one_solve_share", share, "one")
@@ -45,7 +45,7 @@ COLUMNS = {
 """Columns in the table of each optimizer."""
 
 
-def section(warmstarts: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+def section(warmstarts: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
     """Figure and table of each optimizer at each swarm size."""
     values: dict[str, Any] = {"whiskers": WHISKERS, "paper": paper}
     for optimizer in OPTIMIZERS:
@@ -53,9 +53,9 @@ def section(warmstarts: pd.DataFrame, look: Mapping[str, Style]) -> Section:
         values[optimizer] = []
         for n in sorted(map(int, set(rows["n"]))):
             picture = (
-                Picture(f"experiment3-optimizers-n{n}", optimizers_figure(warmstarts, n, look))
+                Picture(f"experiment3-optimizers-n{n}", optimizers_figure(warmstarts, n, styles))
                 if optimizer == PLAIN
-                else Picture(f"experiment3-n{n}", warmstart_figure(warmstarts, n, look))
+                else Picture(f"experiment3-n{n}", warmstart_figure(warmstarts, n, styles))
             )
             table = warmstart_table(warmstarts, optimizer, n)
             values[optimizer].append({"n": n, "boxes": picture, "seeds": table})
@@ -74,8 +74,8 @@ def warmstart_table(warmstarts: pd.DataFrame, optimizer: str, n: int) -> Table:
 def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
     """Averages over the runs of each optimizer, n, rule and seed.
 
-    Rows have columns ``GROUP``, seeds, trials, those of ``AVERAGES`` and of ``time_ratios``; gaps
-    are of those that are finite.
+    Rows have columns ``GROUP``, seeds, trials, those of ``AVERAGES`` and of ``time_ratios``;
+    infinite gaps are left out.
     """
     gap = warmstarts["optimality_gap"].astype(float)
     rows = warmstarts.assign(
@@ -84,7 +84,7 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
         safe=averages.as_share(warmstarts["safe"]),
         gap=gap.where(np.isfinite(gap)),
     )
-    summary = averages.averaged(rows, GROUP, AVERAGES, {"seed": seeds_in_order(rows["seed"])})
+    summary = averages.aggregate(rows, GROUP, AVERAGES, {"seed": seeds_in_order(rows["seed"])})
     return summary.merge(time_ratios(warmstarts), "left", GROUP)
 
 
@@ -93,8 +93,8 @@ def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
 
     Rows have columns ``GROUP``, time_ratio, its geometric mean over the trials, and Student's
     interval of it, over the logarithms, as time_ratio_low and time_ratio_high; several trainings
-    count as their mean. There is none where an optimizer did not run without a seed, whose ratio to
-    itself has no interval.
+    count as their mean. There is no ratio where an optimizer did not also run without a seed; the
+    ratio of that run to itself has no interval.
     """
     logs = warmstarts.assign(log=np.log(warmstarts["seconds"].astype(float)))
     each = logs.groupby([*GROUP, "trial"], as_index=False)["log"].mean()
@@ -114,7 +114,7 @@ def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
 
 
 def seeds_in_order(seeds: Iterable[str]) -> list[str]:
-    """Distinct seeds: none first, then by planner and recipe."""
+    """Distinct seeds: NO_SEED first, then by planner and recipe."""
     known = set(seeds)
     planners = labels.in_order(map(planner_of, known))
     return sorted(known, key=lambda s: (s != NO_SEED, planners.index(planner_of(s)), s))
@@ -127,30 +127,30 @@ UNTIL = {CONVERGED: "until converged", FIRST_SAFE: "until the first safe plan"}
 """Optimizers and stopping rules in words."""
 
 
-def warmstart_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
+def warmstart_figure(warmstarts: pd.DataFrame, n: int, styles: Mapping[str, Style]) -> Figure:
     """The expert's run times from each seed at swarm size n, a panel for each stopping rule."""
     rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["optimizer"] == EXPERT)]
     panels = {f"n = {n}, {UNTIL[str(rule)]}": part for rule, part in rows.groupby("rule")}
-    return _boxes_figure(panels, look)
+    return _boxes_figure(panels, styles)
 
 
-def optimizers_figure(warmstarts: pd.DataFrame, n: int, look: Mapping[str, Style]) -> Figure:
+def optimizers_figure(warmstarts: pd.DataFrame, n: int, styles: Mapping[str, Style]) -> Figure:
     """Run times until converged from each seed at swarm size n, a panel for each optimizer."""
     rows = warmstarts[(warmstarts["n"] == n) & (warmstarts["rule"] == CONVERGED)]
     parts = {name: rows[rows["optimizer"] == optimizer] for optimizer, name in NAMES.items()}
     panels = {f"{name}, n = {n}": part for name, part in parts.items() if len(part)}
-    return _boxes_figure(panels, look)
+    return _boxes_figure(panels, styles)
 
 
 @in_style
-def _boxes_figure(panels: Mapping[str, pd.DataFrame], look: Mapping[str, Style]) -> Figure:
+def _boxes_figure(panels: Mapping[str, pd.DataFrame], styles: Mapping[str, Style]) -> Figure:
     """A panel of boxes for each title, on common axes; a seed without a box was not run."""
     seeds = seeds_in_order(pd.concat(list(panels.values()))["seed"])
     figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 0.24 * len(seeds)), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, sharex=True, squeeze=False)[0]
     spans = []
     for ax, (title, part) in zip(axes, panels.items(), strict=True):
-        _boxes(ax, part, seeds, look)
+        _boxes(ax, part, seeds, styles)
         ax.set_title(title)
         ax.set_xlabel("time per instance (s)")
         spans.append(part.groupby("seed")["seconds"].quantile(np.array(WHISKERS) / 100).dropna())
@@ -160,7 +160,7 @@ def _boxes_figure(panels: Mapping[str, pd.DataFrame], look: Mapping[str, Style])
     return figure
 
 
-def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], look: Mapping[str, Style]) -> None:
+def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], styles: Mapping[str, Style]) -> None:
     times = {s: rows.loc[rows["seed"] == s, "seconds"].dropna().to_numpy() for s in seeds}
     shown = ax.boxplot(
         list(times.values()),
@@ -176,7 +176,7 @@ def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], look: Mapping[str, St
         capprops={"color": GREY, "linewidth": 0.8},
     )
     for box, seed in zip(shown["boxes"], seeds, strict=True):
-        colour = "#FFFFFF" if seed == NO_SEED else look[planner_of(seed)].colour
+        colour = "#FFFFFF" if seed == NO_SEED else styles[planner_of(seed)].colour
         box.set(facecolor=colour, edgecolor=GREY, linewidth=0.7)
     if len(unseeded := times.get(NO_SEED, ())):
         ax.axvline(float(np.median(unseeded)), zorder=0.5, **REFERENCE)
@@ -191,14 +191,14 @@ PAPERS: Rules = (
     ((True, True, ANY), "No for the paper's kind of optimizer"),
     ((ANY, ANY, ANY), "Open for the paper's kind of optimizer"),
 )
-"""By whether there are several trainings, all seeds cost the plain SCP time, and all save some."""
+"""By whether there are several trainings, and all seeds slow the plain SCP down or speed it up."""
 
 OURS: Rules = (
     ((True, ANY), "none saves any"),
     ((ANY, True), "some save time"),
     ((ANY, ANY), "no saving is proven"),
 )
-"""By whether all seeds cost our expert time, and any saves some."""
+"""By whether all seeds slow our expert down, and whether any speeds it up."""
 
 
 def findings(warmstarts: pd.DataFrame) -> list[Finding]:
@@ -235,9 +235,9 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
 def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
     """Whether the paper's claims on its networks' seeds hold, for the plain SCP.
 
-    How much times vary is their mean distance from the median of their seed (M. Brown, A. Forsythe,
-    "Robust tests for the equality of variances", Journal of the American Statistical Association
-    69, 1974). Seeds are compared on the same trials.
+    The variation of times is their mean deviation from the median of their seed (M. Brown,
+    A. Forsythe, "Robust tests for the equality of variances", Journal of the American Statistical
+    Association 69, 1974). Seeds are compared on the same trials.
     """
     rows = _converged(warmstarts, PLAIN)
     networks = rows[rows["seed"].map(planner_of).map(labels.is_of_paper).astype(bool)]
@@ -260,7 +260,7 @@ def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
     ]
     steady = "Do times vary less from networks' seeds than from the straight line, as in the paper?"
     quick = "Is FFcol's the quickest seed of the networks', as in the paper?"
-    spread = "mean distance from the median"
+    spread = "mean deviation from the median"
     return [
         *_on_pairs(steady, line, away, away.mean(), spread, several=several),
         *_on_pairs(quick, best, logs, np.exp(logs.mean()), "geometric mean", several=several),
@@ -278,8 +278,8 @@ def _on_pairs(
 ) -> list[Finding]:
     """The finding on whether times from the first seed of each pair are lower; none without pairs.
 
-    Values are by trial (rows) and seed (columns); ``shown`` is the number of each seed in the
-    finding, s, and ``name`` what it is.
+    Values are by trial (rows) and seed (columns); ``shown`` is the statistic of each seed that the
+    finding quotes, s, and ``name`` its name.
     """
     if not pairs:
         return []
@@ -297,7 +297,7 @@ def _is_of(group: verdicts.Group, seeds: "pd.Index[str] | pd.Series[str]") -> An
 
 
 def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
-    """Ratio of times by seed, of the runs of ``_converged``."""
+    """Ratios from ``time_ratios`` by seed, of the runs of ``_converged``."""
     rows = _converged(warmstarts, optimizer)
     if NO_SEED not in set(rows["seed"]):
         return pd.DataFrame(columns=["time_ratio", *ENDS])
@@ -305,13 +305,13 @@ def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
 
 
 def _converged(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
-    """An optimizer's runs at one swarm size, until converged."""
+    """An optimizer's runs until converged, at the swarm size that is nearest to the paper's."""
     rows = warmstarts[(warmstarts["optimizer"] == optimizer) & (warmstarts["rule"] == CONVERGED)]
     return rows if rows.empty else rows[rows["n"] == averages.reference_size(rows)]
 
 
 def _beside(optimizer: str, ratios: pd.DataFrame) -> str:
-    """The seeds that cost nothing."""
+    """Time ratios of the seeds that are no network's, as text."""
     listed = [
         f"{label_name(str(seed))} {ratio(value)}"
         for seed, value in ratios["time_ratio"].items()

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from pipeline.experiments import averages, verdicts
 from pipeline.experiments.averages import SHOWN, Panel
 from pipeline.experiments.records import NODES, PREDICTED, TIME_STEP, VARIED
-from pipeline.experiments.verdicts import Finding, Measured, measured
+from pipeline.experiments.verdicts import Finding, Performance, performance
 from pipeline.figures import labels
 from pipeline.figures.labels import REFINERS, is_network, percents, ratio_within, share
 from pipeline.figures.style import PAGE_WIDTH, REFERENCE, Style, in_style
@@ -34,17 +34,17 @@ def trained_on(times: pd.DataFrame) -> tuple[int, float]:
 
 
 def rows_varying(summary: pd.DataFrame, varied: str) -> pd.DataFrame:
-    """The rows of other T, or of other Δt, and those of the training's own T and Δt."""
+    """The rows of other T, or of other Δt, with those of the training's T and Δt."""
     nodes, time_step = trained_on(summary)
     home = (summary["nodes"] == nodes) & (summary["time_step"] == time_step)
     mine = summary["varied"] == varied
     return summary[mine] if (home & mine).any() else pd.concat([summary[mine], summary[home]])
 
 
-PRINTED_MINUTES = {10, 14, 20, 30, 40}  # that the page shows where tried; the CSV files have all
+PRINTED_MINUTES = {10, 14, 20, 30, 40}  # columns of the page, if evaluated; the CSV files have all
 
 
-def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+def section(times: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
     """A figure for each recipe, and tables against the transfer time."""
     values: dict[str, Any] = {"tables": {}}
     if not times.empty:
@@ -55,7 +55,7 @@ def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
             "trials": summary["trials"].max(),
             "trainings": summary["seeds"].max(),
             "pictures": {
-                one: Picture(f"experiment4-{one}".strip("-"), times_figure(summary, one, look))
+                one: Picture(f"experiment4-{one}".strip("-"), times_figure(summary, one, styles))
                 for one in recipes_of(summary)
             },
             "tables": times_tables(summary),
@@ -65,12 +65,12 @@ def section(times: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 def times_tables(summary: pd.DataFrame) -> dict[str, Table]:
     """Collisions, share of safe trials and fuel: a column for each of a few transfer times."""
-    steps = labels.told_apart(summary["time_step"], 6)
+    steps = labels.distinct_texts(summary["time_step"], 6)
     rows = summary.assign(grid=[_title(row, steps) for _, row in summary.iterrows()])
     printed: list[str] = []
     for varied in VARIED:
         mine = rows[rows["varied"] == varied].sort_values("minutes", kind="stable")
-        shown = averages.printed_of(mine["minutes"], PRINTED_MINUTES)
+        shown = averages.printed_values(mine["minutes"], PRINTED_MINUTES)
         printed += dict.fromkeys(mine.loc[mine["minutes"].isin(shown), "grid"])
     return averages.tables_against(rows, "experiment4", "grid", {title: title for title in printed})
 
@@ -82,12 +82,12 @@ def _title(row: "pd.Series[Any]", steps: Mapping[float, str]) -> str:
 
 
 def recipes_of(summary: pd.DataFrame) -> list[str]:
-    """The recipes of the networks that took part; an empty one where there is none."""
+    """The recipes of the networks that took part; one empty recipe if there are none."""
     return sorted(set(summary.loc[summary["planner"].map(is_network), "recipe"])) or [""]
 
 
 @in_style
-def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) -> Figure:
+def times_figure(summary: pd.DataFrame, recipe: str, styles: Mapping[str, Style]) -> Figure:
     """The networks of one recipe, flown, with experts and baselines.
 
     A row of panels for each average of SHOWN; other T on the left, other Δt on the right.
@@ -101,7 +101,7 @@ def times_figure(summary: pd.DataFrame, recipe: str, look: Mapping[str, Style]) 
         for k, one in enumerate(SHOWN.values())
     ]
     against = "minutes", "transfer time (min)"
-    figure, axes = averages.lines_figure(grid, against, look, (PAGE_WIDTH, 8.2), sharey="row")
+    figure, axes = averages.lines_figure(grid, against, styles, (PAGE_WIDTH, 8.2), sharey="row")
     for ax in axes.flat:
         ax.axvline((nodes - 1) * time_step / 60, **REFERENCE)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 2, 5, 10]))
@@ -122,8 +122,8 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         )
         asked = f"trained for {(nodes - 1) * time_step / 60:g} min serve other {called}?"
         everywhere = rows["minutes"].nunique()
-        free = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
-        beside = f"Decoupled optimum: {_worst(free)}" if free else ""
+        decoupled = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
+        beside = f"Decoupled optimum: {_worst(decoupled)}" if decoupled else ""
         for group in verdicts.groups(rows["planner"]):
             networks = group.of(rows)
             times_of = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique")
@@ -132,7 +132,7 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
             if name is None or everywhere < 2:
                 continue
             at = _by_time(verdicts.rows_of(networks, name))
-            several, fit = (len(verdicts.names_in(some)) > 1 for some in (networks, fits))
+            several, fit = (len(verdicts.networks_in(some)) > 1 for some in (networks, fits))
             how = ", best on validation of those that fit" if fit else ", the only one that fits"
             numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
             question = group.question(asked)
@@ -140,12 +140,12 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     return found
 
 
-def _by_time(rows: pd.DataFrame) -> dict[str, Measured]:
-    texts = sorted(labels.told_apart(rows["minutes"], 3).items())
-    return {f"{text} min": measured(rows[rows["minutes"] == at]) for at, text in texts}
+def _by_time(rows: pd.DataFrame) -> dict[str, Performance]:
+    texts = sorted(labels.distinct_texts(rows["minutes"], 3).items())
+    return {f"{text} min": performance(rows[rows["minutes"] == at]) for at, text in texts}
 
 
-def _worst(at: Mapping[str, Measured]) -> str:
+def _worst(at: Mapping[str, Performance]) -> str:
     least, dearest = min(at, key=lambda t: at[t].safe), max(at, key=lambda t: at[t].fuel)
     safe = f"{share(at[least].safe)} {percents(*at[least].safe_interval)}"
     fuel = ratio_within(at[dearest].fuel, at[dearest].fuel_interval)

@@ -20,10 +20,10 @@ from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.flight.trials import SIZE
 
-CONDITION = ["world", "errors", "loop"]  # columns that say how a plan was flown
-SWARM = ["planner", "recipe", "n"]  # columns that say whose plan it is
+CONDITION = ["world", "errors", "loop"]  # columns that identify how a plan was flown
+SWARM = ["planner", "recipe", "n"]  # columns that identify whose plan it is
 
-MET = 1e-5  # largest distance from a goal that counts as none, m
+ARRIVED = 1e-5  # largest distance from a goal at which it counts as met, m
 
 LOW, HIGH = "within_radius_low", "within_radius_high"
 WITHIN_RADIUS = average("Within r_col", "within_radius_share", share, "within_radius", wilson=True)
@@ -52,7 +52,7 @@ COLUMNS = [
     *(N, Column("Planner", "name"), Column("Recipe", "recipe"), *CONDITIONS[2:], WITHIN_SIZE),
     *(averages.SEPARATION, GOAL, GOAL_HIGH, DELTA_V, MOST_DELTA_V, NO_PLAN),
 ]
-"""Columns of what else became of the flights about the usual low orbit."""
+"""Columns of the table of all other averages, about the usual low orbit."""
 
 PLANNED_COLUMNS = [
     *(N, Column("Orbit", "world"), Column("Planned", "planned")),
@@ -62,8 +62,8 @@ PLANNED_COLUMNS = [
 """Columns of the table of flights without errors: linear plans beside plans as flown."""
 
 
-def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
-    """The verdict on all planners, the figure and both tables."""
+def section(flights: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
+    """Figures and tables of the flights, and of plans made as flown if there are any."""
     template = "pipeline/experiments/experiment5.md.jinja"
     if flights.empty:
         return Section(template, {"trials": ""})
@@ -72,12 +72,12 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
     values = {
         "each": int(flights["flight"].max()) + 1,
         "trials": _trials(summary),
-        "planned": None if planned.empty else planned_values(flights, planned, look),
+        "planned": None if planned.empty else planned_values(flights, planned, styles),
         "most": share(1 - SAFE),
         "typical": TYPICAL,
         "size": SIZE,
         "risk": records.RISK,
-        "picture": Picture("experiment5", flights_figure(summary, look)),
+        "picture": Picture("experiment5", flights_figure(summary, styles)),
         "within": within_table(summary),
         "conditions": conditions_table(summary),
     }
@@ -85,16 +85,16 @@ def section(flights: pd.DataFrame, look: Mapping[str, Style]) -> Section:
 
 
 def planned_values(
-    flights: pd.DataFrame, summary: pd.DataFrame, look: Mapping[str, Style]
+    flights: pd.DataFrame, summary: pd.DataFrame, styles: Mapping[str, Style]
 ) -> dict[str, Any]:
-    """Values for the template on plans as flown, beside those for the linear model."""
+    """Template values that compare plans made as flown with plans for the linear model."""
     *shapes, last = (f"{records.ORBITS[world]:g}" for world in dict.fromkeys(summary["world"]))
     return {
         "claim": _claim(flights),
         "trials": _trials(summary),
         "orbits": " and ".join(filter(None, (", ".join(shapes), last))),
-        "picture": Picture("experiment5-as-flown", planned_figure(summary, look)),
-        "table": Table("experiment5-as-flown", averages.named(summary), PLANNED_COLUMNS),
+        "picture": Picture("experiment5-as-flown", planned_figure(summary, styles)),
+        "table": Table("experiment5-as-flown", averages.with_names(summary), PLANNED_COLUMNS),
     }
 
 
@@ -104,9 +104,9 @@ def _trials(summary: pd.DataFrame) -> str:
 
 
 def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
-    """Plans for the linear model flown in all loops, and flights without errors in the same worlds.
+    """Rows that compare the loops: flights with feedback, and of plans for the linear model.
 
-    With feedback a plan is made for the risk, and as flown.
+    Worlds in which nothing was flown with feedback are left out.
     """
     chosen = (summary["planned"] == LINEAR) | (summary["loop"] == records.FEEDBACK)
     key = ["n", "world"]
@@ -115,7 +115,7 @@ def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
-    """Flights without errors in open loop, of plans that were made for both models."""
+    """Flights without errors in open loop, where plans were made for both models."""
     key = [*SWARM, "world"]
     rows = rows[(rows["errors"] == NO_ERRORS) & (rows["loop"] == OPEN)]
     both = rows.loc[rows["planned"] == AS_FLOWN, key].drop_duplicates()
@@ -126,21 +126,23 @@ def within_table(summary: pd.DataFrame) -> Table:
     """Flights with a pair within r_col: a row for each condition, a column for each planner."""
     names = list(map(planner_label, summary["planner"], summary["recipe"]))
     rows, printed = summary.assign(label=names), {name: name for name in names}
-    frame, columns = averages.wide(rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed)
+    frame, columns = averages.pivot_average(
+        rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed
+    )
     return Table("experiment5-within", frame, [*CONDITIONS, *columns])
 
 
 def conditions_table(summary: pd.DataFrame) -> Table:
-    """All averages in all conditions; the page shows one world of them."""
+    """All averages in all conditions; the page shows those of TYPICAL."""
     printed = summary["world"] == TYPICAL
-    return Table("experiment5", averages.named(summary), COLUMNS, printed=printed)
+    return Table("experiment5", averages.with_names(summary), COLUMNS, printed=printed)
 
 
 def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     """Averages over the flights of each planner and recipe in each condition, in reading order.
 
     Rows have columns ``SWARM``, planned, ``CONDITION``, seeds, trials (scenarios) and those of
-    ``AVERAGES``. Intervals are ``clustered_interval``'s, since flights of one scenario are alike.
+    ``AVERAGES``. Intervals are ``clustered_interval``'s: flights of one scenario are correlated.
     """
     group, plan = [*SWARM, *CONDITION, "planned"], [*SWARM, "training_seed", "trial"]
     bound, unsafe = (flights[name].astype(float) for name in ("delta_v_bound", "unsafe_replans"))
@@ -149,7 +151,8 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
         delta_v=flights["delta_v"].astype(float),
         within_radius=flights["within_radius"].astype(float),
         within_size=flights["within_size"].astype(float),
-        delta_v_ratio=flights["delta_v"].astype(float) / bound.where(bound > averages.NO_FUEL),
+        delta_v_ratio=flights["delta_v"].astype(float)
+        / bound.where(bound > averages.NEGLIGIBLE_FUEL),
         no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
     )
     linear = rows[(rows["planned"] == LINEAR) & (rows["errors"] == NO_ERRORS)]
@@ -157,7 +160,7 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     rows["over_linear"] = rows["delta_v"] / rows[plan].join(linear, on=plan)["delta_v"]
     order = dict(zip(CONDITION, ((LINEAR, *records.ORBITS), records.ERRORS, LOOPS), strict=True))
     order["planned"] = records.PLANNED
-    summary = averages.averaged(rows, group, AVERAGES, order)
+    summary = averages.aggregate(rows, group, AVERAGES, order)
     for one in SHARES:
         found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).groupby(group)
         intervals = {
@@ -169,13 +172,15 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     return summary
 
 
-WIDTH = 0.62  # of the room that planners share at one place, where places are 1 apart
-BOTTOM = 0.003  # least error at the goal that is shown, m; the linear world without errors has none
+WIDTH = 0.62  # of all planners' markers at one tick; ticks are 1 apart
+BOTTOM = (
+    0.003  # lower end of the axis of errors at the goal, m: in the linear world they may be zero
+)
 
 
 @in_style
-def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
-    """A column of panels for each n and world; markers by planner and loop, hollow if exact."""
+def flights_figure(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Figure:
+    """A column of panels for each n and world; markers by planner, hollow without errors."""
     exact = summary["errors"] == NO_ERRORS
     rows = summary.assign(at=summary["loop"].map(LOOPS.index), hollow=exact, ranged=~exact)
     shown = {
@@ -186,7 +191,7 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
         "off goal, median to 95 % (m)": (GOAL.source, GOAL.source, GOAL_HIGH.source),
         DELTA_V.title: (DELTA_V.source,),
     }
-    figure, panels = _markers_figure(shown, drawn, look, ("with errors", "without errors"))
+    figure, panels = _markers_figure(shown, drawn, styles, ("with errors", "without errors"))
     fit_scale(panels[1, 0], "y", [v for v in summary[GOAL_HIGH.source] if v > BOTTOM], log=True)
     panels[1, 0].set_ylim(bottom=BOTTOM)
     for ax in panels[2]:
@@ -197,7 +202,7 @@ def flights_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
 
 
 @in_style
-def planned_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+def planned_figure(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Figure:
     """A column of panels for each n; markers by planner and orbit, hollow for linear plans."""
     orbits = list(dict.fromkeys(summary["world"]))
     linear = summary["planned"] == LINEAR
@@ -209,7 +214,7 @@ def planned_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
         OVER_LINEAR.title: (OVER_LINEAR.source,),
     }
     faces = ("planned as flown", "planned in the linear model")
-    figure, panels = _markers_figure(shown, drawn, look, faces)
+    figure, panels = _markers_figure(shown, drawn, styles, faces)
     fit_scale(panels[1, 0], "y", [*summary[GOAL.source], *summary[GOAL_MOST.source]], log=True)
     low, high = panels[1, 0].get_ylim()
     panels[1, 0].set_ylim(low / 3, 3 * high)
@@ -221,28 +226,28 @@ def planned_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
 def _markers_figure(
     shown: Mapping[str, pd.DataFrame],
     drawn: Mapping[str, tuple[str, ...]],
-    look: Mapping[str, Style],
+    styles: Mapping[str, Style],
     faces: tuple[str, str],
 ) -> tuple[Figure, Any]:
-    """Panels with a marker for each row of a summary; shares are in the first line of panels.
+    """Panels with a marker for each row of a summary; the first row of panels has shares.
 
     A column of panels for each title in ``shown``, whose rows have columns ``at`` (abscissa),
-    ``hollow`` and ``ranged``; a line for each label in ``drawn``, with sources as of ``_markers``.
-    Faces are labels of full and hollow markers.
+    ``hollow`` and ``ranged``; a row for each label in ``drawn``, with source and ends as for
+    ``_markers``. ``faces`` are the labels of filled and hollow markers.
     """
     figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(len(drawn), len(shown), sharex=True, sharey="row", squeeze=False)
     for line, (label, sources) in zip(panels, drawn.items(), strict=True):
         line[0].set_ylabel(label)
         for ax, rows in zip(line, shown.values(), strict=True):
-            _markers(ax, rows, look, *sources)
+            _markers(ax, rows, styles, *sources)
             ax.grid(visible=False, axis="x")
     for ax, title in zip(panels[0], shown, strict=True):
         ax.set_title(title)
     every = pd.concat(shown.values())
     panels[0, 0].set_ylim(-0.03, max(0.1, 1.1 * float(every[HIGH].max())))
     panels[0, 0].yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    handles = averages.planner_handles(every["planner"], look)
+    handles = averages.planner_handles(every["planner"], styles)
     for handle in handles:
         handle.set_linestyle("none")
     handles += [
@@ -254,17 +259,17 @@ def _markers_figure(
 
 
 def _markers(
-    ax: Axes, rows: pd.DataFrame, look: Mapping[str, Style], source: str, *ends: str
+    ax: Axes, rows: pd.DataFrame, styles: Mapping[str, Style], source: str, *ends: str
 ) -> None:
-    """A marker for each row, planners side by side; the range between two ends where asked for."""
+    """A marker for each row, planners side by side; a range between ends where ``ranged``."""
     shown = list(dict.fromkeys(zip(rows["planner"], rows["recipe"], strict=True)))
     step = WIDTH / max(1, len(shown))
     for row in rows.to_dict("records"):
         planner, hollow = str(row["planner"]), bool(row["hollow"])
         place = shown.index((planner, str(row["recipe"]))) - (len(shown) - 1) / 2
         at = float(row["at"]) + step * place
-        style = look[planner]
-        alpha = 0.6 if hollow else 1.0  # some markers have no face
+        style = styles[planner]
+        alpha = 0.6 if hollow else 1.0  # as hollow does not show on every marker
         if ends and row["ranged"]:
             low, high = (row[end] for end in ends)
             ax.vlines(at, low, high, color=style.colour, linewidth=0.9, alpha=alpha)
@@ -282,16 +287,16 @@ def _markers(
 
 
 HOLDS: Rules = (
-    ((True, ANY, ANY, ANY), "Yes, as they stand"),
-    ((ANY, ANY, True, ANY), "Yes, made anew at every node"),
-    ((ANY, True, ANY, True), "Only for a risk with feedback, or made anew with a margin"),
-    ((ANY, True, ANY, ANY), "Only for a risk with feedback"),
-    ((ANY, ANY, ANY, True), "Only made anew at every node with a margin"),
-    ((False, False, False, False), "No, with feedback or a margin neither"),
-    ((False, ANY, ANY, ANY), "Not as they stand; else too few scenarios"),
+    ((True, ANY, ANY, ANY), "Yes, in open loop"),
+    ((ANY, ANY, True, ANY), "Yes, replanned at every node"),
+    ((ANY, True, ANY, True), "Only with feedback, for a risk, or replanned with a margin"),
+    ((ANY, True, ANY, ANY), "Only with feedback, for a risk"),
+    ((ANY, ANY, ANY, True), "Only replanned at every node with a margin"),
+    ((False, False, False, False), "No, not even with feedback or a margin"),
+    ((False, ANY, ANY, ANY), "Not in open loop; otherwise too few scenarios"),
     ((ANY, ANY, ANY, ANY), "Open: too few scenarios"),
 )
-"""By whether plans hold in each of LOOPS: a pair comes within r_col in few enough flights."""
+"""By whether plans hold in each of LOOPS: in few enough flights a pair comes within r_col."""
 
 
 def findings(flights: pd.DataFrame) -> list[Finding]:
@@ -304,20 +309,20 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         return []
     summary = in_loops(summarize_flights(flights))
     typical = summary[summary["world"] == TYPICAL]
-    rough = typical[typical["errors"] == records.WITH_ERRORS]
-    undisturbed = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
+    with_errors = typical[typical["errors"] == records.WITH_ERRORS]
+    without_errors = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
     found = []
-    for (n, planner, recipe), rows in rough.groupby(["n", "planner", "recipe"], sort=False):
+    for (n, planner, recipe), rows in with_errors.groupby(["n", "planner", "recipe"], sort=False):
         if planner in labels.BASELINES:
             continue
-        same = (undisturbed[["n", "planner", "recipe"]] == [n, planner, recipe]).all(axis=1)
+        same = (without_errors[["n", "planner", "recipe"]] == [n, planner, recipe]).all(axis=1)
         ends = rows.set_index("loop")[[LOW, HIGH]].reindex(list(LOOPS))  # open where not flown
         holds = [at_most(interval, 1 - SAFE) for interval in ends.itertuples(index=False)]
         who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans of n = {n} hold outside the linear model, with errors?"
-        free = rough[(rough["planner"] == DECOUPLED) & (rough["n"] == n)]
-        beside = f"Decoupled optimum: {_shares(free)}" if len(free) else ""
-        shares = f"{_shares(rows)}; without errors {_shares(undisturbed[same])}"
+        decoupled = with_errors[(with_errors["planner"] == DECOUPLED) & (with_errors["n"] == n)]
+        beside = f"Decoupled optimum: {_shares(decoupled)}" if len(decoupled) else ""
+        shares = f"{_shares(rows)}; without errors {_shares(without_errors[same])}"
         numbers = f"{planner_label(str(planner), str(recipe))}, within r_col: {shares}"
         found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
     return [*found, *_as_flown_findings(flights)]
@@ -335,14 +340,14 @@ HOLD_AS_FLOWN: Rules = (
 def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
     """Whether plans made as flown hold without errors, for each planner that makes any.
 
-    They do where in no flight a pair comes within the collision radius, or a craft ends ``MET``
-    from its goal.
+    They do where in no flight a pair comes within the collision radius, or a craft ends further
+    than ``ARRIVED`` from its goal.
     """
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     found = []
     for (planner, recipe), every in rows.groupby(["planner", "recipe"], sort=False):
         flown = every[every["planned"] == AS_FLOWN]
-        apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= MET
+        apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= ARRIVED
         who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans hold outside the linear model if planned as flown?"
         text = f"{planner_label(str(planner), str(recipe))}: {_claim(every)}"
@@ -351,7 +356,7 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
 
 
 def _claim(flights: pd.DataFrame) -> str:
-    """Close approaches and errors at goals of plans as flown, and of linear plans, in words."""
+    """Close approaches and errors at goals of plans as flown and of linear plans, as text."""
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     said = {
         planned: (int(some["within_radius"].sum()), len(some), some["goal_error"].max())

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pipeline.errors import check_range
 from pipeline.experiments import records
-from pipeline.experiments.parts import FinishedParts, Part, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.conditions import Conditions
@@ -44,15 +44,15 @@ def run_flights(
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
 
-    A planner replans its own plans. With feedback a plan is made as flown, for RISK with the same
-    errors. Baselines know no separation: they have no loop with margin, and with feedback fly their
-    one plan. Plans of others are also made as flown about each of ORBITS, and flown there without
-    errors in open loop beside those for the linear model.
+    Each planner replans its own plans. With feedback a plan is made as flown, for RISK with the
+    same errors. Baselines know no separation: they have no loop with margin, and with feedback fly
+    their one plan. Other planners also plan as flown about each of ORBITS; these plans are flown
+    there without errors in open loop, beside those for the linear model.
 
     The scenarios are of one problem and one n; ``larger`` ones, of another n, fly in the world of
-    TYPICAL alone. Each has so many ``flights`` with other errors, and one without any. The seed is
-    that of errors and of where on their orbits references begin. A row for each flight, columns of
-    Flight, which do not depend on the workers.
+    TYPICAL alone. Each has ``flights`` flights with different errors, and one without errors. The
+    seed determines the errors and where on their orbits references begin. Returns a row for each
+    flight with the columns of Flight, whatever the workers.
     """
     check_flights(flights, seed)
     sizes = ((scenarios, records.WORLDS), (larger, (records.TYPICAL,)))
@@ -62,7 +62,7 @@ def run_flights(
         for k, one in enumerate(some)
     ]
     flown = partial(_flown, planners, flights, seed)
-    tables = done_parts("flights", flown, parts, workers=workers, kept=kept, progress=progress)
+    tables = finish_parts("flights", flown, parts, workers=workers, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
 
 
@@ -76,8 +76,9 @@ def worlds_of(scenario: Scenario, seed: int, trial: int) -> dict[str, NonlinearW
     """The nonlinear worlds of a scenario, by name.
 
     The reference's argument of perigee and its argument of latitude at the first node are drawn
-    uniformly for each scenario, the same for all eccentricities. Orbits near a circle have the
-    scenario's mean motion, with which others would meet the Earth: their perigee is that high.
+    uniformly for each scenario, the same for all eccentricities. Nearly circular orbits have
+    the scenario's mean motion; the others, which would then meet the Earth, have their perigee at
+    the radius of the circle with that mean motion.
     """
     perigee, latitude = np.random.default_rng([seed, trial]).uniform(0.0, 360.0, 2).tolist()
     usual = Conditions(argument_of_perigee_deg=perigee, argument_of_latitude_deg=latitude)
@@ -96,7 +97,7 @@ def _flown(
     seed: int,
     part: tuple[int, Scenario, Sequence[str]],
 ) -> pd.DataFrame:
-    """Rows of experiment 5 for one scenario: every planner's plans, as of ``_cases``."""
+    """Rows of experiment 5 for one scenario: the flights of ``_cases`` of every planner."""
     trial, scenario, in_loops = part
     problem, first = scenario.problem, trial * flights
     nonlinear = worlds_of(scenario, seed, trial)
@@ -136,7 +137,7 @@ def _cases(
     in_loops: Sequence[str],
     worlds: Mapping[str, NonlinearWorld],
 ) -> Iterator[tuple[Plan, str, str, str, Loop]]:
-    """The flights to make of a planner: plan, model that it is made in, world, errors and loop.
+    """The flights of a planner's plans: plan, the model that it is made for, world, errors, loop.
 
     In the worlds ``in_loops`` they fly in all loops, with and without errors; elsewhere in open
     loop without errors.
@@ -164,7 +165,7 @@ def _cases(
 def _with_risk(
     planner: Planner, scenario: Scenario, world: NonlinearWorld | None
 ) -> tuple[Plan, str]:
-    """A plan for RISK with feedback, as flown in a world or for the linear one, and which."""
+    """A plan for RISK with feedback, and its model: the given world's, or the linear one."""
     limit = RiskLimit(records.RISK, closed_loop=True, errors=COLD_GAS)
     careful = requiring(planner, replace(planner.requirements, risk=limit))
     if world is None:

@@ -24,11 +24,11 @@ Of = TypeVar("Of")
 
 @dataclass(frozen=True, eq=False)
 class Part(Generic[Of]):
-    """A task for a worker: what a table is made of."""
+    """A task for a worker, who makes a table of it."""
 
     of: Of
     n: int  # spacecraft of its swarms
-    note: str = ""  # what progress is told when it is done
+    note: str = ""  # for progress, when it is done
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class FinishedParts:
     """Finished parts of one experiment in a folder."""
 
     ledger: Ledger[ShardList]
-    decided_by: DecidedBy  # workers must have the same versions of it
+    decided_by: DecidedBy  # code that decides the tables: workers must have the same versions
 
     def read(self, name: str) -> pd.DataFrame | None:
         """The table of a part; None where it is not there, or not as it was written."""
@@ -59,8 +59,8 @@ def open_parts(
 ) -> Iterator[FinishedParts]:
     """Open a folder of finished parts of an experiment, locked for the block.
 
-    Parts of an earlier run are used ``again``, or removed. InputError where another process holds
-    the folder.
+    Parts of an earlier run are used ``again``, or else removed. InputError where another process
+    holds the folder.
     """
 
     def begin() -> ShardList:
@@ -75,7 +75,7 @@ def open_parts(
         yield FinishedParts(ledger, decided_by)
 
 
-def done_parts(
+def finish_parts(
     name: str,
     make: Callable[[Of], pd.DataFrame],
     parts: Sequence[Part[Of]],
@@ -84,9 +84,9 @@ def done_parts(
     kept: FinishedParts | None,
     progress: Progress,
 ) -> list[pd.DataFrame]:
-    """The table of each part, kept or made, by default on all cores of this machine.
+    """The table of each part, read if kept and else made, by default on all cores of this machine.
 
-    The name tells them from other parts of the same experiment.
+    The name tells these parts from others of the same experiment.
     """
     paths = [f"table={name}/part-{number:05d}.parquet" for number in range(len(parts))]
     found = {k: kept.read(path) if kept else None for k, path in enumerate(paths)}

@@ -1,11 +1,11 @@
-"""The tables that experiments leave: their columns, and the names that stand in them."""
+"""The tables that experiments produce: their columns, and the names used as values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
-# How a plan is read: a network's raw output, as in the paper, of which neither dynamics nor ends
-# need hold; its projection onto the trajectories that do; or a planner's flyable plan as it stands
+# How a plan is read: a network's raw output, as in the paper, which need not obey the dynamics or
+# meet the ends; its projection onto the trajectories that do; or a planner's plan, which does
 PREDICTED, FLOWN, PLAN = "predicted", "flown", "plan"
 
 
@@ -61,14 +61,14 @@ LINEAR, TYPICAL = "linear", "e = 0.001"
 # Of the reference orbits of the nonlinear worlds: a usual low orbit's, and ten times that
 ECCENTRICITIES = {TYPICAL: 0.001, "e = 0.01": 0.01}
 WORLDS = (LINEAR, *ECCENTRICITIES)  # in which plans are flown with errors and replanned
-# Of those about which plans are made as flown, too: also of orbits that no circle stands for
+# Of those about which plans are also made as flown, orbits far from circular among them
 ORBITS = {**ECCENTRICITIES, "e = 0.1": 0.1, "e = 0.5": 0.5}
 PLANNED = LINEAR, AS_FLOWN = LINEAR, "as flown"  # the models that plans are made for
-ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # with which they are flown
+ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # of thrust and navigation in a flight
 # As planned; planned for a RISK and corrected at every node; planned anew at every node; anew, with
 # more separation asked for than r_col
 LOOPS = OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
-RISK = 1e-3  # that plans flown with feedback are asked for
+RISK = 1e-3  # collision risk to which plans flown with feedback are limited
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SECONDS, Panel, average
 from pipeline.experiments.records import PREDICTED
-from pipeline.experiments.verdicts import DECOUPLED, Finding, measured
+from pipeline.experiments.verdicts import DECOUPLED, Finding, performance
 from pipeline.figures.labels import count, in_order, is_of_paper, number, share
 from pipeline.figures.style import PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
@@ -20,7 +20,7 @@ UNSAFE = average("Unsafe at any time", "unsafe_share", share, spread=True, wilso
 EXCESS = average("Fuel above the bound, av. (%)", "excess", number, spread=True)
 
 DRAWN = (COLLISIONS, UNSAFE, EXCESS, SECONDS)
-"""What is drawn against n; of fuel over the bound hundredths count, which a ratio hides."""
+"""Averages drawn against n; fuel as its excess, since hundredths of the ratio count."""
 
 COLUMNS = [
     *(Column("n", "n", count), Column("Planner", "name"), Column("Recipe", "recipe")),
@@ -29,7 +29,7 @@ COLUMNS = [
 
 
 def sections(
-    trials: pd.DataFrame, training: pd.DataFrame, look: Mapping[str, Style]
+    trials: pd.DataFrame, training: pd.DataFrame, styles: Mapping[str, Style]
 ) -> list[Section]:
     """The section on swarms beyond n = 30, where any were evaluated."""
     shown = larger_swarms(trials, training)
@@ -39,10 +39,10 @@ def sections(
     values = {
         "paper": paper,
         "sizes": sorted({int(n) for n in shown["n"]}),
-        "one_speaks": shown["planner"].map(is_of_paper).any(),
+        "one_represents": shown["planner"].map(is_of_paper).any(),
         "safe": share(verdicts.SAFE),
         "cheap": verdicts.CHEAP,
-        "picture": Picture("beyond", scaling_figure(summary, look)),
+        "picture": Picture("beyond", scaling_figure(summary, styles)),
         "averages": scaling_table(summary),
     }
     return [Section("pipeline/experiments/scaling.md.jinja", values)]
@@ -51,8 +51,8 @@ def sections(
 def larger_swarms(trials: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
     """Trials of sizes above n = 30 and of the largest up to it; none without sizes above.
 
-    They are of the planners SHOWN and of networks as flown: of the paper's the one that is best on
-    validation (all where that was not recorded), and every other.
+    Kept are the planners SHOWN and networks as flown: of the paper's the one that is best on
+    validation (all if that was not recorded), and all others.
     """
     rows = trials[trials["reading"] != PREDICTED]
     sizes = rows["n"].astype(int)
@@ -76,7 +76,7 @@ def summarize_larger(trials: pd.DataFrame) -> pd.DataFrame:
         unsafe_spread=summary["safe_spread"],
         unsafe_low=1 - summary["safe_high"],
         unsafe_high=1 - summary["safe_low"],
-        # What decoupled optima need more than the bound is rounding.
+        # The excess of decoupled optima is rounding.
         excess=(100 * (summary["fuel_ratio"] - 1)).round(9),
         excess_spread=100 * summary["fuel_ratio_spread"],
     )
@@ -85,23 +85,23 @@ def summarize_larger(trials: pd.DataFrame) -> pd.DataFrame:
 
 def scaling_table(summary: pd.DataFrame) -> Table:
     """A row for each size and planner, from ``summarize_larger``."""
-    return Table("beyond", averages.named(summary), COLUMNS)
+    return Table("beyond", averages.with_names(summary), COLUMNS)
 
 
 DODGE = 1.025  # factor in n by which intervals at one size are moved apart
 
 
 @in_style
-def scaling_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+def scaling_figure(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Figure:
     """A panel for each average of DRAWN against n, on a log scale, from ``summarize_larger``."""
     panels = [Panel(summary.dropna(subset=[one.source]), one) for one in DRAWN]
     against = "n", "spacecraft n"
     grid = [panels[:2], panels[2:]]
-    figure, axes = averages.lines_figure(grid, against, look, (PAGE_WIDTH, 5.4))
+    figure, axes = averages.lines_figure(grid, against, styles, (PAGE_WIDTH, 5.4))
     planners = in_order(summary["planner"])
     for row in summary.to_dict("records"):
         k = planners.index(row["planner"]) - (len(planners) - 1) / 2
-        at, colour = row["n"] * DODGE**k, look[row["planner"]].colour
+        at, colour = row["n"] * DODGE**k, styles[row["planner"]].colour
         axes[0, 1].vlines(at, row["unsafe_low"], row["unsafe_high"], color=colour, linewidth=0.8)
     axes[0, 0].set_xscale("log")
     axis = axes[0, 0].xaxis
@@ -113,19 +113,21 @@ def scaling_figure(summary: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
 
 def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     """Whether each group of networks is safe and cheap on the trials from ``larger_swarms``."""
-    free = shown[shown["planner"] == DECOUPLED]
-    largest = free[free["n"] == free["n"].max()]
+    decoupled = shown[shown["planner"] == DECOUPLED]
+    largest = decoupled[decoupled["n"] == decoupled["n"].max()]
     beside = (
         ""
-        if free.empty
-        else f"Decoupled optimum at n = {largest['n'].iloc[0]}: {measured(largest).text}"
+        if decoupled.empty
+        else f"Decoupled optimum at n = {largest['n'].iloc[0]}: {performance(largest).text}"
     )
     found = []
     for group in verdicts.groups(shown["planner"]):
         rows = group.of(shown)
         if (name := verdicts.representative(rows, training)) is None:
             continue
-        at = {f"n = {n}": measured(part) for n, part in verdicts.rows_of(rows, name).groupby("n")}
+        at = {
+            f"n = {n}": performance(part) for n, part in verdicts.rows_of(rows, name).groupby("n")
+        }
         asked = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
         question = group.question(asked)
         each = "; ".join(f"at {size} {one.text}" for size, one in at.items())

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from pipeline.experiments import paper, verdicts
-from pipeline.experiments.averages import Average, average, over_trainings
+from pipeline.experiments.averages import Average, aggregate_trainings, average
 from pipeline.experiments.verdicts import Finding
 from pipeline.figures import labels
 from pipeline.figures.labels import (
@@ -33,16 +33,16 @@ def _distinct(values: "pd.Series[Any]") -> str:
 SECONDS = average("Time (s)", "seconds", number, spread=True)
 
 AVERAGES = (
-    Average("Versions", "versions", over=lambda values: ", ".join(map(str, values))),
-    Average("Weights", "parameters", count, over="first"),
+    Average("Versions", "versions", over_seeds=lambda values: ", ".join(map(str, values))),
+    Average("Weights", "parameters", count, over_seeds="first"),
     Average("Size (KiB)", "weights_kib", number),
     Average("Instances", "train_instances", count),
     Average("Epochs", "epochs", count),
     Average("Best epoch", "best_epoch", count),
     average("Validation loss", "valid_loss", number, spread=True),
     SECONDS,
-    Average("Device", "device", over=_distinct),
-    Average("Threads", "threads", over=_distinct),
+    Average("Device", "device", over_seeds=_distinct),
+    Average("Threads", "threads", over_seeds=_distinct),
 )
 
 COLUMNS = [
@@ -57,15 +57,15 @@ FAMILIES = {
     "Refiner": REFINERS,
     "Other": {},
 }
-"""Architectures that share a column of the figure; what is in no other is in the last."""
+"""Architectures by their column of the figure; those in no other are in the last."""
 
 
-def section(training: pd.DataFrame, curves: pd.DataFrame, look: Mapping[str, Style]) -> Section:
+def section(training: pd.DataFrame, curves: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
     """Table of the models and figure of their losses, where they were recorded."""
     values = {
         "refiner": training["arch"].map(architecture_of).isin(REFINERS).any(),
         "models": None if training.empty else training_table(training),
-        "losses": None if curves.empty else Picture("training", curves_figure(curves, look)),
+        "losses": None if curves.empty else Picture("training", curves_figure(curves, styles)),
     }
     return Section("pipeline/experiments/trainings.md.jinja", values)
 
@@ -74,14 +74,14 @@ def training_table(training: pd.DataFrame) -> Table:
     """The paper's Tables 1 and 3 for the models that were trained, averaged over their seeds."""
     order = {"arch": in_order(training["arch"])}
     rows = training.assign(recipe=training["recipe"].fillna(""), versions=training["version"])
-    frame = over_trainings(rows, ["arch", "recipe"], AVERAGES, order)
+    frame = aggregate_trainings(rows, ["arch", "recipe"], AVERAGES, order)
     papers = paper.TRAININGS.reindex(frame["arch"].map(architecture_of)).set_index(frame.index)
     frame = frame.assign(name=frame["arch"].map(name_of)).join(papers)
     return Table("training", frame.fillna({"paper_neurons": "–"}), COLUMNS)
 
 
 @in_style
-def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
+def curves_figure(curves: pd.DataFrame, styles: Mapping[str, Style]) -> Figure:
     """Training and validation loss against epoch: a row for each recipe, a column a family."""
     known = {arch: family for family, archs in FAMILIES.items() for arch in archs}
     curves = curves.assign(
@@ -99,11 +99,11 @@ def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
             if rows.empty:
                 ax.set_axis_off()
                 continue
-            _panel(ax, rows, look)
+            _panel(ax, rows, styles)
             ax.set_title(f"{family}, {recipe} recipe" if recipe else family)
         line[0].set_ylabel("loss")
     handles = [
-        Line2D([], [], color=look[a].colour, label=name_of(a)) for a in in_order(curves["arch"])
+        Line2D([], [], color=styles[a].colour, label=name_of(a)) for a in in_order(curves["arch"])
     ]
     handles.append(Line2D([], [], color=GREY, label="validation"))
     handles.append(Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label="training"))
@@ -111,9 +111,9 @@ def curves_figure(curves: pd.DataFrame, look: Mapping[str, Style]) -> Figure:
     return figure
 
 
-def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
+def _panel(ax: Axes, curves: pd.DataFrame, styles: Mapping[str, Style]) -> None:
     for (arch, _), rows in curves.groupby(["arch", "training_seed"]):
-        colour, line = look[str(arch)].colour, rows.sort_values("epoch")
+        colour, line = styles[str(arch)].colour, rows.sort_values("epoch")
         ax.plot(line["epoch"], line["train_loss"], color=colour, linewidth=0.8, linestyle=":")
         ax.plot(line["epoch"], line["valid_loss"], color=colour)
     ax.margins(x=0.02)
@@ -124,7 +124,7 @@ def _panel(ax: Axes, curves: pd.DataFrame, look: Mapping[str, Style]) -> None:
 
 
 def findings(training: pd.DataFrame) -> list[Finding]:
-    """Whether feed-forward networks train quicker than LSTMs by one recipe on like devices."""
+    """Whether feed-forward networks train faster than LSTMs by the same recipe on equal devices."""
     timed = training.dropna(subset=["seconds"])
     timed = timed[timed["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
     for recipe in ("paper", "tuned", ""):
@@ -132,7 +132,7 @@ def findings(training: pd.DataFrame) -> list[Finding]:
         if len(rows[["device", "threads"]].drop_duplicates()) != 1:
             continue
         frame = training_table(rows).frame.rename(columns={"arch": "planner"})
-        said = verdicts.on_families(frame, labels.FEED_FORWARD, labels.RECURRENT, SECONDS)
+        said = verdicts.compare_families(frame, labels.FEED_FORWARD, labels.RECURRENT, SECONDS)
         if said is None:
             continue
         verdict, numbers = said

@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.arrays import Array, Float
 from pipeline.experiments import records
-from pipeline.experiments.parts import FinishedParts, Part, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
@@ -25,7 +25,7 @@ from pipeline.scenario import Scenario
 
 @runtime_checkable
 class Predictor(Protocol):
-    """A network that predicts trajectories, which need not be flyable."""
+    """A network that predicts trajectories, which need not obey the dynamics."""
 
     def predict(
         self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
@@ -40,7 +40,7 @@ class EvaluatedPlanner:
     planner: Planner
     recipe: str = ""  # of its training, where it has one
     training_seed: int = 0  # of that training
-    predictor: Predictor | None = None  # whose raw output is judged too, as in the paper
+    predictor: Predictor | None = None  # whose raw output is evaluated too, as in the paper
 
     @property
     def label(self) -> str:
@@ -54,7 +54,7 @@ class Comparison:
 
     planners: Sequence[EvaluatedPlanner]
     scenarios: Sequence[Scenario]
-    note: str = ""  # what progress is told of it
+    note: str = ""  # for progress
 
 
 def run_trials(
@@ -68,8 +68,8 @@ def run_trials(
     """A table of each comparison: a row for each trial, columns of Trial.
 
     The first ``timed`` scenarios of each are planned one at a time by this process before any
-    worker begins, the planners in turn so that the machine's noise falls on all alike. Progress is
-    told of each planner in each comparison. The tables do not depend on the workers.
+    worker begins, the planners in turn so that the machine's load affects all alike. Progress
+    counts each planner of each comparison. The tables do not depend on the workers.
     """
     seconds = _times(comparisons, timed, kept)
     parts = [
@@ -77,7 +77,7 @@ def run_trials(
         for each in comparisons
         for one in each.planners
     ]
-    tables = done_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
+    tables = finish_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
     for table, taken in zip(tables, seconds, strict=True):
         rows = table.index[table.reading != PREDICTED][: len(taken)]
         table.loc[rows, "seconds"] = taken
@@ -86,7 +86,7 @@ def run_trials(
 
 
 def _planned(of: tuple[EvaluatedPlanner, Sequence[Scenario]]) -> pd.DataFrame:
-    """The rows of a planner, of its raw predictions first; none is timed."""
+    """The rows of a planner, those of its raw predictions first; times are left NaN."""
     one, scenarios = of
     plans = one.planner.plan(scenarios)
     flown = [_trial(one, k, plan) for k, plan in enumerate(plans)]
@@ -102,7 +102,7 @@ def _times(
         return [[] for each in comparisons for _ in each.planners]
     here, make = Workers(jobs=1), partial(_timed, timed)
     parts = [Part(each, each.scenarios[0].n) for each in comparisons]
-    tables = done_parts("times", make, parts, workers=here, kept=kept, progress=SILENT)
+    tables = finish_parts("times", make, parts, workers=here, kept=kept, progress=SILENT)
     return [table[name].to_list() for table in tables for name in table]
 
 
@@ -140,14 +140,14 @@ def _trial(one: EvaluatedPlanner, trial: int, plan: Plan) -> Trial:
 
 
 def flies_safely(plan: Plan) -> bool:
-    """Whether a plan is solved and keeps craft apart at all times, whatever it was asked for."""
+    """Whether a plan is solved and keeps craft apart at all times, whatever its requirements."""
     return plan.status == SOLVED and is_safe(plan.certificate, plan.scenario.problem)
 
 
 def _predicted(
     predictor: Predictor, scenarios: Sequence[Scenario], flown: Sequence[Trial]
 ) -> Iterator[Trial]:
-    """Raw predictions read as the paper reads them, with their errors beside."""
+    """Raw predictions evaluated as in the paper, with their boundary and dynamics errors."""
     problem = scenarios[0].problem
     initial = np.stack([scenario.initial for scenario in scenarios])
     goal = np.stack([scenario.goal for scenario in scenarios])
@@ -174,10 +174,10 @@ def _predicted(
 def variations(
     problem: Problem, nodes: Sequence[int], time_steps: Sequence[float] | None = None
 ) -> list[tuple[str, Problem]]:
-    """Problems with every T at the problem's Δt, and with every Δt (s) at its T, and what varies.
+    """Problems with each T at the given Δt and each Δt (s) at the given T, with what varies.
 
-    By default those Δt that take as long as the numbers of nodes. InputError for fewer than 3
-    nodes, or a step that is not positive.
+    By default the Δt for which transfers last as long as with these numbers of nodes. InputError
+    for fewer than 3 nodes, or a step that is not positive.
     """
     if time_steps is None:
         time_steps = [problem.time_step * (T - 1) / problem.intervals for T in nodes]
@@ -197,8 +197,8 @@ def run_transfer_times(
 ) -> pd.DataFrame:
     """Trials of all planners that fit, in every variation, with the same initial and goal states.
 
-    The ends of scenarios, which are of one problem and one n, stay what they are, since passive
-    formations depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of
+    The ends of the scenarios, of one problem and one n, stay the same, since passive formations
+    depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of
     Trial.
     """
     comparisons = [

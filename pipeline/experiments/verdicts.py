@@ -14,7 +14,7 @@ from pipeline.figures import intervals, labels
 from pipeline.figures.intervals import Interval, at_least, at_most
 
 DECOUPLED = "decoupled optimum"
-"""The best planner that costs nothing: each craft's decoupled optimum, at the bound on fuel."""
+"""The best baseline: each craft's optimum without regard to the others, at the bound on fuel."""
 
 SAFE = 0.95  # share of trials, by the whole of its interval, from which a planner is called safe
 CHEAP = 1.1  # fuel over its bound, by the whole of its interval, up to which one is called cheap
@@ -23,7 +23,7 @@ ANY, MIXED = "any", "mixed"
 """In a rule: a claim that does not matter; one that holds for some and fails for others."""
 
 Rules = Sequence[tuple[tuple[bool | str | None, ...], str]]
-"""Verdicts by what claims come to: True, False, None where that is open, MIXED, or ANY."""
+"""Patterns of claims, each True, False, None (open), MIXED or ANY, and the verdict of each."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Finding:
     question: str
     verdict: str
     numbers: str  # that decide, with their uncertainty
-    baseline: str = ""  # the same numbers of the best baseline that costs nothing
+    baseline: str = ""  # the same numbers of the best baseline
 
 
 def decide(rules: Rules, *claims: bool | str | None) -> str:
@@ -52,7 +52,7 @@ def joint_claim(claims: Iterable[bool | None]) -> bool | str | None:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Performance:
     """Safety and fuel of one planner on some trials, averaged over its trainings."""
 
     name: str  # of the planner with its recipe
@@ -70,12 +70,12 @@ class Measured:
         return f"safe in {safe} at {fuel} of the bound"
 
 
-def measured(rows: pd.DataFrame) -> Measured:
+def performance(rows: pd.DataFrame) -> Performance:
     """The numbers of one planner's trials from ``prepared``, of one or several trainings."""
     first = rows.iloc[0]
     each = rows.groupby("trial")[["safe", "fuel_ratio"]].mean()
     safe, fuel = each["safe"].mean(), each["fuel_ratio"]
-    return Measured(
+    return Performance(
         name=labels.planner_label(first["planner"], first["recipe"]),
         trainings=int(rows["training_seed"].nunique()),
         safe=float(safe),
@@ -105,10 +105,10 @@ WHERE: Rules = (
     ((ANY, False, True), "Open, with too few trials: {open}"),
     ((ANY, False, False), "No"),
 )
-"""By whether a planner is safe and cheap everywhere, anywhere, and anywhere perhaps."""
+"""By whether a planner is safe and cheap everywhere, somewhere, and open somewhere."""
 
 
-def verdict_on(*planners: Measured) -> str:
+def verdict_on(*planners: Performance) -> str:
     """Whether some planners are all safe and cheap."""
     return decide(
         SAFE_AND_CHEAP,
@@ -117,7 +117,7 @@ def verdict_on(*planners: Measured) -> str:
     )
 
 
-def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
+def where_safe_and_cheap(at: Mapping[str, Performance]) -> str:
     """Where a planner is safe and cheap, of some swarm sizes or transfer times by their label."""
     said = {label: verdict_on(one) for label, one in at.items()}
     yes = [label for label, verdict in said.items() if verdict == YES]
@@ -127,7 +127,7 @@ def where_safe_and_cheap(at: Mapping[str, Measured]) -> str:
 
 
 def _in_words(some: Sequence[str], tried: Sequence[str]) -> str:
-    """Some of the labels that were tried; of three or more in a row the first and the last."""
+    """Some of the labels that were tried, as text; runs of three or more by their two ends."""
     place = {label: k for k, label in enumerate(tried)}
     runs = groupby(enumerate(some), key=lambda at: place[at[1]] - at[0])
     rows = [[label for _, label in run] for _, run in runs]
@@ -139,21 +139,20 @@ def _in_words(some: Sequence[str], tried: Sequence[str]) -> str:
 class PairedComparison:
     """Differences of the first of two planners from the second, on the trials of both.
 
-    ``safe_by_chance`` is the probability of so uneven a split of the trials in which just one is
-    safe, where either were as likely (exact sign test).
+    ``safe_p_value`` is that of the exact sign test on the trials in which only one of them is safe.
     """
 
     trials: int
     safe: float  # difference in the share of safe trials
     safe_interval: Interval  # Newcombe's
-    safe_by_chance: float
+    safe_p_value: float
     fuel: float  # mean difference in fuel over its bound, or in the column compared instead
     fuel_interval: Interval  # Student's
 
     @property
     def better(self) -> bool:
-        """Whether the first is safer, or, where that may be chance, cheaper."""
-        return self.safe > 0 if self.safe_by_chance <= 1 - intervals.CONFIDENCE else self.fuel < 0
+        """Whether the first is safer or, if safety does not differ significantly, cheaper."""
+        return self.safe > 0 if self.safe_p_value <= 1 - intervals.CONFIDENCE else self.fuel < 0
 
 
 def compare(
@@ -161,7 +160,7 @@ def compare(
 ) -> PairedComparison:
     """Compare two planners on the trials of both, by each trial's mean of safe and ``fuel``.
 
-    Of fuel those count in which both have some.
+    Fuel is compared on those in which both have a value.
     """
     one, other = (
         rows.assign(safe=rows["safe"].astype(float)).groupby("trial")[["safe", fuel]].mean()
@@ -176,7 +175,7 @@ def compare(
         trials=len(differences),
         safe=float(safe.mean()),
         safe_interval=intervals.newcombe(*shares),
-        safe_by_chance=float(chance),
+        safe_p_value=float(chance),
         fuel=float(cost.mean()),
         fuel_interval=intervals.mean_interval(cost.to_numpy()),
     )
@@ -192,13 +191,13 @@ LOWER: Rules = (
     ((False, ANY, MIXED), "Open: one training of some, some points to no"),
     ((False, ANY, ANY), "Open: one training of some, no trend"),
 )
-"""By whether there are several trainings of each, all are lower than others, and all higher."""
+"""By whether there are several trainings of each, all are lower than others, and all are higher."""
 
 
 def verdict_on_lower(several: bool, differences: Iterable[Interval]) -> str:
     """Whether some numbers are lower than others, as the paper says, by intervals of differences.
 
-    Higher numbers are MIXED where other differences are open or lower.
+    ``several``: all have several trainings. That some are higher is MIXED unless all are.
     """
     # Lower, higher or open
     claims = {True if high < 0 else False if low > 0 else None for low, high in differences}
@@ -206,7 +205,7 @@ def verdict_on_lower(several: bool, differences: Iterable[Interval]) -> str:
     return decide(LOWER, several, claims == {True}, higher)
 
 
-def on_families(
+def compare_families(
     rows: pd.DataFrame, lower: Iterable[str], others: Iterable[str], one: Average
 ) -> tuple[str, str] | None:
     """Verdict on an average being lower for some networks than for others, and the numbers of both.
@@ -241,7 +240,7 @@ PAPERS = "Does a network of the paper's"  # begins most questions on them
 
 @dataclass(frozen=True)
 class Group:
-    """Networks that a question is asked of: all of the paper's, or one other."""
+    """The networks that a question is about: all of the paper's, or one other."""
 
     planners: tuple[str, ...]
 
@@ -272,13 +271,13 @@ VALIDATED = ["valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials"]
 
 
 def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
-    """The network that stands for those in some rows: the only one, or the best on validation.
+    """The network that represents those in some rows: the only one, or the best on validation.
 
     The best is the cheapest of those as safe as the safest, whose share of safe scenarios is within
-    Wilson's interval of the highest. None where trainings did not record it: trials choose no
-    network.
+    Wilson's interval of the highest. None if trainings did not record validation: a network is
+    never chosen by its trials.
     """
-    names = names_in(rows)
+    names = networks_in(rows)
     if len(names) == 1:
         return names.pop()
     known = training.dropna(subset=VALIDATED).fillna({"recipe": ""}).groupby(["arch", "recipe"])
@@ -293,7 +292,7 @@ def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     return sorted(cheapest.index[cheapest == cheapest.min()])[0]
 
 
-def names_in(rows: pd.DataFrame) -> set[Name]:
+def networks_in(rows: pd.DataFrame) -> set[Name]:
     """The networks that have some rows."""
     return set(zip(rows["planner"], rows["recipe"], strict=True))
 
@@ -313,30 +312,30 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 def network_findings(
     asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int, papers: str = PAPERS
 ) -> list[Finding]:
-    """A row for each group of networks of which any was flown at one swarm size."""
+    """A finding for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)
-    free = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
+    decoupled = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
     found = []
     for group in groups(flown.loc[flown["n"] == n, "planner"]):
         networks = group.of(flown)
         here = networks[networks["n"] == n]
-        every = [measured(rows) for _, rows in here.groupby(["planner", "recipe"])]
-        name, alone = representative(networks, training), len(names_in(networks)) == 1
+        every = [performance(rows) for _, rows in here.groupby(["planner", "recipe"])]
+        name, alone = representative(networks, training), len(networks_in(networks)) == 1
         mine = here.head(0) if name is None else rows_of(here, name)
         said = verdict_on(*every)
         safe = [one.safe for one in every]
         low, high = labels.share(min(safe)), labels.share(max(safe))
         spread = low if low == high else f"{low} to {high}"
         numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
-        beside = "" if free.empty else f"Decoupled optimum: {measured(free).text}"
+        beside = "" if decoupled.empty else f"Decoupled optimum: {performance(decoupled).text}"
         if not mine.empty:
-            chosen = measured(mine)
+            chosen = performance(mine)
             how = "" if alone else ", best on validation"
             numbers.insert(0, f"{chosen.name}{how}: {chosen.text}")
             by_itself = chosen.trainings == 1 and said[:2] != verdict_on(chosen)[:2]
             said = verdict_on(chosen) + (", for one training" if by_itself else "")
             if beside:
-                held = compare(mine, free)
+                held = compare(mine, decoupled)
                 more, low, high = (f"{100 * x:+.1f}" for x in (held.safe, *held.safe_interval))
                 beside += f"; the network on the same trials: {more} % safe [{low}, {high}]"
         question = group.question(asked, papers)

@@ -1,4 +1,4 @@
-"""Runs of experiment 3: time that a seed saves the expert, and a plain SCP as the paper's."""
+"""Runs of experiment 3: the expert, and a plain SCP like the paper's, timed from each seed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -7,7 +7,7 @@ from time import perf_counter
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from pipeline.experiments.parts import FinishedParts, Part, done_parts
+from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.records import CONVERGED, EXPERT, FIRST_SAFE, PLAIN, WarmStart
 from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
@@ -37,10 +37,10 @@ def run_warmstarts(
 ) -> pd.DataFrame:
     """Every seed and rule on every scenario: a row each, columns of WarmStart.
 
-    All run on one thread of this process. The seeds of a scenario follow each other directly, begun
-    with another one each time, so that the machine's noise falls on all alike. Raw predictions of
-    networks, by name and training seed, are seeds beside those of SEEDS. Progress is told of each
-    scenario.
+    All run on one thread of this process. The seeds of a scenario follow each other directly, from
+    a different first one each time, so that the machine's load affects all alike. Raw predictions
+    of networks, by name and training seed, are seeds beside those of SEEDS. Progress counts
+    scenarios.
     """
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:
@@ -54,7 +54,7 @@ def run_warmstarts(
             for make in seeds.values():
                 _run(some[0], make, rules[CONVERGED])  # warm up
     here, one = Workers(jobs=1), partial(_started, optimizer, seeds)
-    tables = done_parts("starts", one, parts, workers=here, kept=kept, progress=progress)
+    tables = finish_parts("starts", one, parts, workers=here, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
 
 

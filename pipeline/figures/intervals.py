@@ -11,20 +11,20 @@ from pipeline.arrays import Array, Float
 
 CONFIDENCE = 0.95  # of every interval
 
-NORMAL = float(special.ndtri(0.5 + CONFIDENCE / 2))
-"""Standard deviations that a normal variable keeps within with that probability."""
+NORMAL_QUANTILE = float(special.ndtri(0.5 + CONFIDENCE / 2))
+"""Two-sided quantile of the standard normal distribution at that confidence."""
 
 Interval = tuple[float, float]
 
 
 def at_least(interval: Interval, threshold: float) -> bool | None:
-    """Whether a number is at least so large; open, too, where there is no interval."""
+    """Whether a number is at least a threshold, by its interval; open if the interval is NaN."""
     low, high = interval
     return True if low >= threshold else False if high < threshold else None
 
 
 def at_most(interval: Interval, threshold: float) -> bool | None:
-    """Whether a number is at most so large; open, too, where there is no interval."""
+    """Whether a number is at most a threshold, by its interval; open if the interval is NaN."""
     low, high = interval
     return True if high <= threshold else False if low > threshold else None
 
@@ -37,17 +37,19 @@ def wilson(share: float, trials: int | float) -> Interval:
     """
     if trials == 0 or np.isnan(share):
         return float("nan"), float("nan")
-    more = NORMAL**2 / trials
+    more = NORMAL_QUANTILE**2 / trials
     middle = (share + more / 2) / (1 + more)
-    half = NORMAL / (1 + more) * np.sqrt(share * (1 - share) / trials + more / (4 * trials))
+    half = (
+        NORMAL_QUANTILE / (1 + more) * np.sqrt(share * (1 - share) / trials + more / (4 * trials))
+    )
     return max(0.0, middle - float(half)), min(1.0, middle + float(half))
 
 
 def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
-    """Wilson's interval of the shares of clusters of so many trials each, as of one scenario.
+    """Wilson's interval of a share, from its values in clusters of ``each`` correlated trials.
 
-    The independent trials that k clusters are worth are p(1 - p) over the variance of p as the
-    clusters show it, corrected for how few they are (E. Korn, B. Graubard, "Confidence intervals
+    The effective number of independent trials is p(1 - p) over the variance of p between the k
+    clusters, corrected for how few they are (E. Korn, B. Graubard, "Confidence intervals
     for proportions with small expected number of positive counts estimated from survey data",
     Survey Methodology 24, 1998): at least one a cluster, which is all that is known where p is 0
     or 1, and at most all.
@@ -57,17 +59,17 @@ def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
         return float("nan"), float("nan")
     p = float(shares.mean())
     variance = float(shares.var(ddof=1)) / k if k > 1 else 0.0
-    worth = 0.0
+    effective = 0.0
     if variance > 0:
-        few = NORMAL / _t_quantile(k - 1)
-        worth = p * (1 - p) / variance * few**2
-    return wilson(p, float(min(max(worth, k), k * each)))
+        few = NORMAL_QUANTILE / _t_quantile(k - 1)
+        effective = p * (1 - p) / variance * few**2
+    return wilson(p, float(min(max(effective, k), k * each)))
 
 
 def mean_interval(values: Float[Array, "k"]) -> Interval:
-    """Student's interval of a mean: no more than the mean where values do not vary.
+    """Student's interval of a mean: just the mean where all values are equal.
 
-    Not a number for fewer than two values, which do not say how much they vary.
+    Not a number for fewer than two values.
     """
     k = len(values)
     if k < 2:
@@ -103,7 +105,7 @@ def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:
 
 
 def _correlation(first: Float[Array, "k"], second: Float[Array, "k"]) -> float:
-    """Correlation of two shares, less if positive, by Newcombe's correction for continuity."""
+    """Correlation of two shares, reduced if positive by Newcombe's correction for continuity."""
     k, (p, q) = len(first), (float(first.mean()), float(second.mean()))
     together = k * k * float(np.mean(first * second) - p * q)
     together = max(together - k / 2, 0.0) if together > 0 else together

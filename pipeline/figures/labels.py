@@ -72,10 +72,10 @@ def span(values: Iterable[float]) -> str:
     return number(low) if low == high else f"{number(low)} to {number(high)}"
 
 
-def told_apart(values: Iterable[float], least: int) -> dict[float, str]:
-    """Text of each number, with as many significant digits as make all texts differ.
+def distinct_texts(values: Iterable[float], least: int) -> dict[float, str]:
+    """Text of each number, with enough significant digits that all texts differ.
 
-    >>> told_apart([60.0, 60.00001], 6)
+    >>> distinct_texts([60.0, 60.00001], 6)
     {60.0: '60', 60.00001: '60.00001'}
     """
     known, texts = set(values), dict[float, str]()
@@ -99,11 +99,11 @@ BASELINES = {
     "minimum energy": "Minimum energy",
     "decoupled optimum": "Decoupled optimum",
 }
-"""Planners that look at one craft at a time."""
+"""Planners that treat each craft without regard to the others."""
 
 FEED_FORWARD = {"ff1": "FF1", "ff2": "FF2", "ffcol": "FFcol"}
-RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}  # with those, the paper's
-REFINERS = {"refiner": "Refiner"}  # networks of craft that pass messages; the paper has none
+RECURRENT = {"lstm1": "LSTM1", "lstm2": "LSTM2", "lstmcol": "LSTMcol"}  # the paper's, with those
+REFINERS = {"refiner": "Refiner"}  # message passing between craft; not in the paper
 KNOWN = EXPERTS | BASELINES | FEED_FORWARD | RECURRENT | REFINERS  # all of them, in reading order
 
 

@@ -1,4 +1,4 @@
-"""One look for all figures: planners' colours and markers, fonts, axes, and files."""
+"""The style of all figures: planners' colours and markers, fonts, axes; and writing to files."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -25,10 +25,10 @@ INITIAL_COLOUR, GOAL_COLOUR, CONFLICT_COLOUR = "#0072B2", "#009E73", "#D55E00"
 """Blue, green and vermillion of the Okabe-Ito palette."""
 
 GREY = "#4d4d4d"
-"""Of axes, and of what belongs to no planner."""
+"""Colour of axes, and of what belongs to no planner."""
 
 REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (4, 3))}
-"""Of a line at a value to compare with."""
+"""Matplotlib's arguments of a line at a reference value."""
 
 RC: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -93,8 +93,8 @@ OTHER_COLOURS = ("#882255", "#117733", "#661100", "#6699CC", "#999933")
 OTHER_MARKERS = ("X", "h", "p", "d")
 
 
-def styles(planners: Iterable[str]) -> dict[str, Style]:
-    """A style for each planner; planners that the paper does not know get further ones by name."""
+def planner_styles(planners: Iterable[str]) -> dict[str, Style]:
+    """A style for each planner; those not in KNOWN get further ones in order of their names."""
     others = [p for p in in_order(planners) if p not in KNOWN]
     looks = zip(others, cycle(OTHER_COLOURS), cycle(OTHER_MARKERS), strict=False)
     return KNOWN | {planner: Style(colour, marker, "-.") for planner, colour, marker in looks}
@@ -105,12 +105,12 @@ _DRAWING = RLock()
 
 @contextmanager
 def _styled() -> Iterator[None]:
-    with _DRAWING, context(["default", RC]):  # settings are those of all threads
+    with _DRAWING, context(["default", RC]):  # matplotlib's settings are shared by all threads
         yield
 
 
 in_style = _styled()
-"""Decorates what draws; the caller's matplotlib settings stay as they are."""
+"""Decorator of functions that draw; the caller's matplotlib settings stay as they are."""
 
 
 @in_style
@@ -129,13 +129,15 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
             figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
 
 
-SPREAD = 20.0  # values whose largest is so many times the smallest positive one get a log scale
+SPREAD = (
+    20.0  # ratio of the largest to the smallest positive value from which a scale is logarithmic
+)
 FINEST = 1e-3  # averages below this are shown on the linear part of a symmetric log scale
-CROWDED = 1.7  # decades from which only powers of ten carry a number
-NARROW = 0.5  # decades below which 1, 2 and 5 would leave a log scale a single number
+CROWDED = 1.7  # decades from which only powers of ten are labelled
+NARROW = 0.5  # decades below which 1, 2 and 5 might label a log scale once only
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-"""Digits of exponents; figures have no formulas, which names would be taken for."""
+"""Superscript digits; figures do not parse formulas, so that no name is taken for one."""
 
 
 def fit_scale(

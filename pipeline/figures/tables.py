@@ -25,15 +25,15 @@ class Column:
 
     title: str  # with the unit
     source: str  # column of the frame
-    text: Callable[[float], str] | None = None  # how a number is written, aligned right
+    text: Callable[[float], str] | None = None  # formats a number, aligned right
     spread: str = ""  # column of the frame with its spread between trainings
     interval: tuple[str, str] | None = None  # columns with the ends of its interval
-    bounds: Callable[[float, float], str] = percents  # how these are written
+    bounds: Callable[[float, float], str] = percents  # formats these
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table, whole in its CSV file and rounded on the page."""
+    """A table: complete in its CSV file; on the page some columns, rounded."""
 
     name: str  # of the CSV file
     frame: pd.DataFrame
@@ -51,8 +51,8 @@ class Table:
         )
 
     @property
-    def signs(self) -> str:
-        """An explanation of brackets and ±, where the table has any."""
+    def notation(self) -> str:
+        """What brackets and ± mean, if the table has any."""
         said = [INTERVALS] if any(column.interval for column in self.columns) else []
         spreads = [column.spread for column in self.columns if column.spread]
         if self.frame[spreads].notna().any(axis=None):
@@ -76,7 +76,7 @@ class Section:
     """Text with tables and figures in it.
 
     A template places them by ``{% call table(x) %}caption{% endcall %}`` and
-    ``{% call figure(x) %}caption{% endcall %}``; empty lines part its paragraphs.
+    ``{% call figure(x) %}caption{% endcall %}``; empty lines separate its paragraphs.
     """
 
     template: str  # path, as for ``pipeline.markup.template``
@@ -99,7 +99,7 @@ class Writer:
 
     def _table(self, table: Table, caller: Callable[[], str]) -> str:
         self.tables.append(table)
-        caption = f"{caller().strip()} {table.signs}".strip()
+        caption = f"{caller().strip()} {table.notation}".strip()
         return f"*Table {len(self.tables)}. {caption}*\n\n{table.markdown}\n\n"
 
     def _figure(self, picture: Picture, caller: Callable[[], str]) -> str:

@@ -89,7 +89,7 @@ def within(track: Float[Array, "n K 3"], collision_radius: float) -> Bool[Array,
 
 
 def _orbits(states: Float[Array, "n 6"]) -> Float[Array, "n _ 3"]:
-    """One revolution of free drift through each state; just the states where Eq. 3 fails."""
+    """One revolution of free drift through each state; just the states if they violate Eq. 3."""
     found = revolution(states, ORBIT_POINTS)
     return states[:, None, :3] if found is None else found
 
@@ -101,7 +101,7 @@ def _strands(tracks: Float[Array, "n K 3"]) -> Float[Array, "3 _"]:
 
 
 def _limits(tracks: list[Array]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Ranges that hold everything, none so flat that its axis has no room for numbers."""
+    """Axis limits around all points, none so narrow that its axis has no room for numbers."""
     points = np.concatenate([t.reshape(-1, 3) for t in tracks])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     middle, half = (low + high) / 2, 1.04 * (high - low) / 2

@@ -1,4 +1,4 @@
-"""The report: result tables in; Markdown, one HTML page, CSV tables and figures out."""
+"""The report: Markdown, one HTML page, CSV tables and figures, written from result tables."""
 
 import re
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from pipeline.experiments.averages import prepared, reference_size, summarize
 from pipeline.experiments.records import NO_SEED, TABLES
 from pipeline.experiments.verdicts import CHEAP, SAFE
 from pipeline.figures.labels import planner_of, share
-from pipeline.figures.style import save, styles
+from pipeline.figures.style import planner_styles, save
 from pipeline.figures.tables import Column, Picture, Section, Table, Writer, file_name, write_csv
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import write_text
@@ -32,7 +32,7 @@ TITLE = "Learned swarm transfers between passive relative orbits"
 
 QUESTIONS = [
     *(Column("Question", "question"), Column("Verdict", "verdict")),
-    *(Column("Numbers", "numbers"), Column("Best free baseline", "baseline")),
+    *(Column("Numbers", "numbers"), Column("Best baseline", "baseline")),
 ]
 
 PROVENANCE = [
@@ -96,7 +96,7 @@ class Results:
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where a report lies."""
+    """Paths of the files of a report."""
 
     markdown: Path  # refers to the figures
     html: Path  # contains them
@@ -107,20 +107,20 @@ class ReportFiles:
 def build_report(results: Results, out: Path) -> ReportFiles:
     """Write a report: report.md, report.html, tables/ and figures/, determined by the results.
 
-    Tables and figures of an earlier report in the folder that this one has not are removed.
+    Tables and figures of an earlier report in the folder that this one lacks are removed.
     """
     summary, n = summarize(results.trials), reference_size(results.trials)
     # One style for each planner of any table, so that it looks the same in every figure.
-    look = styles(results.planners)
+    styles = planner_styles(results.planners)
     sections = [
         questions(results, summary, n),
-        experiment1.section(summary, n, look),
-        trainings.section(results.training, results.curves, look),
-        experiment2.section(summary, look),
-        *scaling.sections(prepared(results.trials), results.training, look),
-        experiment3.section(results.warmstarts, look),
-        experiment4.section(results.transfer_times, look),
-        experiment5.section(results.flights, look),
+        experiment1.section(summary, n, styles),
+        trainings.section(results.training, results.curves, styles),
+        experiment2.section(summary, styles),
+        *scaling.sections(prepared(results.trials), results.training, styles),
+        experiment3.section(results.warmstarts, styles),
+        experiment4.section(results.transfer_times, styles),
+        experiment5.section(results.flights, styles),
         examples(results.examples),
         provenance(results.provenance),
     ]
@@ -147,7 +147,7 @@ def build_report(results: Results, out: Path) -> ReportFiles:
 
 
 def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
-    """The table of questions that opens the report; what is missing says how to get it."""
+    """The table of questions that opens the report, and notes on what is missing."""
     trials, training = prepared(results.trials), results.training
     found = [
         *experiment1.findings(trials, training, n),

@@ -1,4 +1,4 @@
-"""Markdown to one HTML page that needs nothing beside it."""
+"""Conversion of Markdown to one self-contained HTML page."""
 
 import base64
 import re
@@ -12,7 +12,7 @@ from markupsafe import Markup
 from pipeline.markup import template
 
 TABLE = '<div class="table" role="region" aria-label="table" tabindex="0">\n<table>\n'
-"""Tables have a box of their own that scrolls where the window is narrow."""
+"""The opening of a table, in a box that scrolls where the window is narrow."""
 
 FIGURE = re.compile(r"!\[(?P<label>[^]]*)\]\((?P<src>[^)]*)\)")
 """The beginning of a paragraph that is a figure; the rest of it is the caption."""
@@ -39,15 +39,15 @@ def html_page(title: str, markdown: str, pictures: Mapping[str, bytes]) -> str:
             data = base64.b64encode(pictures[found["src"]]).decode()
             opened.type = inline.type = closed.type = "html_block"
             inline.content = FIGURE_HTML.format(label=found["label"], data=data, caption=caption)
-    contents = _numbered_headings(tokens)
+    contents = _heading_ids(tokens)
     body = parser.renderer.render(tokens, parser.options, {})
     # The body comes out of the parser, which escapes what the text contains.
     page = template("pipeline/report/page.html.jinja")
     return page.render(title=title, contents=contents, body=Markup(body))
 
 
-def _numbered_headings(tokens: Sequence[Token]) -> list[tuple[str, str]]:
-    """Give each section heading an id; the ids and titles, in order."""
+def _heading_ids(tokens: Sequence[Token]) -> list[tuple[str, str]]:
+    """Give each section heading an id, and return ids and titles in order."""
     contents = []
     for heading, inline in pairwise(tokens):
         if heading.type == "heading_open" and heading.tag == "h2":

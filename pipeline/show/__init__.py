@@ -1,4 +1,4 @@
-"""A plan to look at: one HTML page that opens without a network."""
+"""The page of a plan: one HTML file that opens offline."""
 
 import base64
 import gzip
@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 
 
 def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
-    """The page of a plan, which refers to nothing outside itself, and what it says of the plan."""
+    """A plan's page, which needs nothing outside itself, and the rechecked plan that it shows."""
     shown, scenario = recheck(claimed), claimed.scenario
     data, pairs = page_data(shown.plan)
     found = shown.plan.certificate
@@ -51,12 +51,12 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
 
 
 def write_page(path: Path, claimed: Plan, name: str) -> Rechecked:
-    """Write the page of a plan, which appears whole, and return what it says of the plan."""
+    """Write a plan's page, which appears whole, and return the rechecked plan that it shows."""
     text, shown = page(claimed, name)
     write_text(path, text)
     return shown
 
 
 def _hash(script: bytes) -> str:
-    """The name by which a content security policy knows a script."""
+    """The hash by which a content security policy allows a script."""
     return "sha256-" + base64.b64encode(hashlib.sha256(script).digest()).decode()

@@ -1,4 +1,4 @@
-"""The numbers that the script of a page draws, rounded."""
+"""The numbers that the script of a plan's page draws, rounded."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,12 +19,12 @@ from pipeline.plan import Plan
 from pipeline.scenario import Scenario, participants
 
 SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes
-CROWD = 100  # craft beyond which a page would grow too large: each then has fewer samples
+CROWD = 100  # craft from which each has fewer samples, so that the page does not grow too large
 ORBIT_STEPS = (4, 8, 16, 32, 64)  # samples in each interval of an orbit of free drift: by need
-CHORD = 0.002  # by which straight lines between them may miss it, as a share of the paths' extent
-LARGER = 10.0  # extent of orbits beyond that of the paths from which they would hide these
+CHORD = 0.002  # most error of straight lines between them, as a share of the paths' extent
+LARGER = 10.0  # orbits of more than so many times the extent of the paths are not drawn
 VISIBLE = 0.004  # least radius of what is drawn, as a share of the extent of all
-MOST = 6  # pairs whose separation is shown, each in a colour that can be told from the others
+MOST_PAIRS = 6  # pairs whose separation is shown, each in a colour that can be told from the others
 PADDING = 0.04  # free space around what is drawn, as a share of its extent
 FLATTEST = 0.3  # least extent of the box on any axis, as a share of the largest, for labels
 
@@ -37,11 +37,11 @@ class Pair:
     second: int  # the other
     distance: float  # their least separation at any time, m
     time: float  # when, s since the start
-    wanted: float  # separation that they keep, by their sizes, m
+    wanted: float  # separation required of them, m: r_col, or the sum of their radii
 
 
 def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
-    """What the page draws (cm, mm, mm/s², s), JSON-ready, and the pairs whose separation it has."""
+    """What the page draws (cm, mm, mm/s², s), for JSON, and the pairs whose separation it has."""
     scenario, found = plan.scenario, plan.certificate
     problem = scenario.problem
     sizes = scenario.radii if scenario.sized else None
@@ -59,7 +59,7 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
     for end, drift in drifts.items():
         if _extent(drift) > LARGER * extent:
             drifts[end] = drift[:0]
-    apart = [norm(positions[pair.first] - positions[pair.second]) for pair in pairs]
+    separations = [norm(positions[pair.first] - positions[pair.second]) for pair in pairs]
     nearest = None
     if scenario.n > 1:
         craft, distance = nearest_pair(positions)
@@ -92,7 +92,7 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         "limit": None if limit is None else 1000 * limit,
         "pairs": [[pair.first, pair.second] for pair in pairs],
         "wanted": [pair.wanted for pair in pairs],
-        "separations": [_whole(1000 * one) for one in apart],
+        "separations": [_whole(1000 * one) for one in separations],
         "nearest": nearest,
     }, pairs
 
@@ -103,7 +103,7 @@ def steps_of(n: int, problem: Problem) -> int:
 
 
 def sample_times(n: int, problem: Problem, further: Values) -> Float[Array, "S"]:
-    """Times at which to show a transfer, s: evenly spaced with the nodes among them, and others."""
+    """Times at which to show a transfer, s: evenly spaced, nodes included, and ``further`` ones."""
     steps = steps_of(n, problem)
     even = problem.time_step / steps * np.arange(problem.intervals * steps + 1)
     return np.union1d(even, further)
@@ -155,17 +155,17 @@ def closest_pairs(
     if n < 2:
         return []
     at_nodes, swarms = node_distances(states).min(axis=1), None
-    if radii is not None:  # separations that compare with r_col
+    if radii is not None:  # less what they ask for beyond r_col
         swarms = Participants(problem, [radii], [()])
         at_nodes -= radii[np.stack(swarms.pairs)].sum(axis=0) - problem.collision_radius
-    # As many pairs come within the last of the closest at nodes, and so the closest ones do; a
-    # little more, so that none of those is lost to rounding.
-    last = min(MOST, len(at_nodes)) - 1
+    # At nodes alone MOST_PAIRS pairs come within this distance, so the closest pairs at any time
+    # do; the tolerance is there so that none of them is lost to rounding.
+    last = min(MOST_PAIRS, len(at_nodes)) - 1
     within = float(np.partition(at_nodes, last)[last]) + TOLERANCE
     found = close_approaches(states, controls, problem, within, swarms=swarms)
     order = np.argsort(found.distance, kind="stable")
     _, first = np.unique((found.first * n + found.second)[order], return_index=True)
-    closest = order[np.sort(first)][:MOST]
+    closest = order[np.sort(first)][:MOST_PAIRS]
     wanted = np.full(len(found.first), problem.collision_radius)
     if radii is not None:
         wanted = radii[found.first] + radii[found.second]
@@ -175,12 +175,12 @@ def closest_pairs(
 
 
 def nearest_pair(positions: Float[Array, "n S 3"]) -> tuple[Int[Array, "S 2"], Float[Array, "S"]]:
-    """The two craft that are closest at each time, and how far apart they are, m."""
+    """The two closest craft at each time, and their distance, m."""
     found = [cKDTree(at).query(at, k=2) for at in positions.swapaxes(0, 1)]
-    distance = np.array([apart for apart, _ in found])[..., 1]
+    distance = np.array([distances for distances, _ in found])[..., 1]
     craft = distance.argmin(axis=1)
     both = np.array([near for _, near in found])[np.arange(len(craft)), craft]
-    # Where two craft are in one place, either may be named first beside itself.
+    # Where two craft are at the same position, the query may return the other one first.
     other = np.where(both[:, 0] == craft, both[:, 1], both[:, 0])
     return np.sort(np.stack([craft, other], axis=1), axis=1), distance.min(axis=1)
 
@@ -190,7 +190,7 @@ def _whole(values: Float[Array, "*shape"]) -> Any:
 
 
 def _outline(one: Corridor, times: Values, positions: Float[Array, "n S 3"]) -> Float[Array, "_ 3"]:
-    """A line along the edges of a corridor, of a cone as far as craft are that it is for, m."""
+    """A line along the edges of a corridor, m; a cone's is as long as its craft are distant."""
     if isinstance(one.inside, Box):
         return one.inside.outline()
     counts = positions[list(one.craft) or slice(None)][:, (times >= one.begin) & (times <= one.end)]

@@ -1,4 +1,4 @@
-"""Tables and verdict of a page, in words and numbers."""
+"""The verdict and the tables of a plan's page, as text."""
 
 import math
 from dataclasses import dataclass
@@ -33,25 +33,26 @@ class Verdict:
 
 
 def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
-    """Whether a plan can be flown; who comes closest, when, and what is proven."""
+    """Whether a plan is safe; which craft come closest, when, and what is proven."""
     found, problem = shown.plan.certificate, shown.plan.scenario.problem
     reasons = list(shown.faults)
     at_nodes = shown.plan.requirements.at_nodes
     clear = found.clearance
     if clear is not None and shown.safe:
         if at_nodes:
-            reasons.append("Asked for was separation at the nodes only.")
+            reasons.append("The plan was asked to keep craft apart at the nodes only.")
         other = clear.other if isinstance(clear.other, str) else f"craft {clear.other}"
         reasons.append(
             f"Craft {clear.craft} and {other} come closest by their sizes: at {clear.time:.1f} s "
-            f"they are {clear.min_clearance:.4f} m further apart than these ask for. Proven: never "
-            f"by less than {_down(clear.min_clearance_bound)} m."
+            f"they are {clear.min_clearance:.4f} m further apart than their sizes ask for. Proven: "
+            f"never by less than {_down(clear.min_clearance_bound)} m."
         )
     elif found.min_separation_pair and found.min_separation_bound is not None and shown.safe:
         i, j = found.min_separation_pair
         if at_nodes:
             reasons.append(
-                "Asked for was separation at the nodes only, where no pair is within r_col."
+                "The plan was asked to keep craft apart at the nodes only: there no pair is within "
+                "r_col."
             )
         reasons.append(
             f"Craft {i} and {j} come closest, {found.min_separation:.4f} m at "
@@ -108,7 +109,7 @@ def _motion(plan: Plan) -> str:
 
 
 def motion(plan: Plan) -> str:
-    """What is drawn, in words; of a plan as flown, linear motion between nodes of the flight."""
+    """The motion drawn, as text; for a plan as flown, linear motion between the flight's nodes."""
     if plan.scenario.problem.orbit is None:
         return "the exact solution of the Clohessy-Wiltshire equations"
     start = ", from where the flight has craft at each node," * plan.as_flown
@@ -134,7 +135,7 @@ def _thrust_rows(found: Certificate) -> Rows:
         bare = MISSING if burn.fuel_without is None else f"{burn.fuel_without:.6g} m/s²"
         rows += [
             ("Smallest burn", f"{least}; asked for {1e3 * burn.asked:g} mm/s"),
-            ("Fuel without regard to that, by the file", bare),
+            ("Fuel without a smallest burn, by the file", bare),
         ]
     return rows
 
@@ -153,7 +154,7 @@ def _separation_rows(found: Certificate) -> Rows:
 
 
 def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
-    """By how much participants are further apart than their sizes ask for, where these differ."""
+    """The least distance of participants beyond what their sizes ask for, where these differ."""
     if clear is None:
         return []
     other = clear.other if isinstance(clear.other, str) else f"craft {clear.other}"
@@ -189,7 +190,7 @@ def _waypoint_rows(found: Certificate) -> Rows:
 
 
 def _risk_rows(found: Certificate) -> Rows:
-    """The risk where a limit was asked for, and the errors it refers to."""
+    """The risk, if it was limited, and the errors that it refers to."""
     risk = found.risk
     if risk is None:
         return []
@@ -208,7 +209,7 @@ def _risk_rows(found: Certificate) -> Rows:
     corrections: Rows = []
     if feedback is not None:
         corrections = [
-            ("Of it, corrections beyond the thrust limit", f"{feedback.saturation:.3g}"),
+            ("Part of it: corrections beyond the thrust limit", f"{feedback.saturation:.3g}"),
             ("Mean Δv of corrections, Σ‖u‖₁Δt", f"{feedback.delta_v:.6g} m/s"),
         ]
     return [
@@ -216,7 +217,7 @@ def _risk_rows(found: Certificate) -> Rows:
         *corrections,
         ("Asked for", f"{risk.asked:g}"),
         ("Standard deviations of errors", sigmas),
-        ("Fuel without that", without),
+        ("Fuel without a limit on risk", without),
     ]
 
 
@@ -239,7 +240,7 @@ def _passive_safety_rows(found: Certificate) -> Rows:
 
 
 def scenario_rows(scenario: Scenario) -> Rows:
-    """The scenario."""
+    """The scenario: labels, and values with their units."""
     problem = scenario.problem
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
     limit = _milli(problem.max_acceleration, "mm/s²", "none")
@@ -289,7 +290,7 @@ def _limit_rows(scenario: Scenario) -> Rows:
         ("Limit on the norm of thrust", _milli(thrust.max_acceleration_norm, "mm/s²")),
         ("Smallest impulse bit", _milli(thrust.min_delta_v, "mm/s")),
         ("No craft burns", _windows(thrust.no_burn)),
-        ("What is least", "the largest share that a craft burns of its Δv" if fair else ""),
+        ("Minimized", "the largest share that a craft burns of its Δv" if fair else ""),
         *((f"Craft {k} of its own", _own(one)) for k, one in enumerate(scenario.craft)),
     ]
     return [row for row in rows if row[1]]
@@ -328,7 +329,7 @@ def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
 
 
 def planner_rows(plan: Plan, claimed_status: str) -> Rows:
-    """The planner, as the file has it."""
+    """What the file says of the planner and its run."""
     rows = [
         ("Planner", plan.planner),
         ("Status in the file", claimed_status),

@@ -12,7 +12,7 @@ from judge.keep_out import outside
 from koenig import transition
 from relative import linear_maps, pull, state_of, true_anomaly
 
-from benchmarks.peers import by_repair, needed
+from benchmarks.peers import by_repair, required_module
 from benchmarks.rendezvous import (
     AHEAD,
     ANGLES,
@@ -218,10 +218,10 @@ def test_the_judge_refuses_controls_that_do_not_arrive():
 
 def test_a_peer_that_is_missing_or_broken_says_so_and_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^nothing==1 is not installed; .*pip install nothing==1"):
-        needed("no_such_module", "nothing==1")
+        required_module("no_such_module", "nothing==1")
     (tmp_path / "a_broken_peer.py").write_text("import no_such_module")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(
         InputError, match=r"^peer==1 cannot be imported \(.*'no_such_module'\); ins"
     ):
-        needed("a_broken_peer", "peer==1")
+        required_module("a_broken_peer", "peer==1")

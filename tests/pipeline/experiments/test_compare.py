@@ -30,7 +30,7 @@ def test_trials_without_a_ratio_of_fuel_count_where_they_are_safe():
     nan = float("nan")
     held = compare(trials([True] * 20, [1.0] * 20), trials([True, False] * 10, [1.5, nan] * 10))
     assert (held.trials, held.safe, held.fuel) == (20, 0.5, -0.5)
-    assert held.safe_by_chance == pytest.approx(2 / 2**10)
+    assert held.safe_p_value == pytest.approx(2 / 2**10)
 
 
 def test_the_same_trials_tell_apart_what_shares_alone_would_not():
@@ -38,7 +38,7 @@ def test_the_same_trials_tell_apart_what_shares_alone_would_not():
     second = [True] * 50 + [False] * 50
     first = [True] * 58 + [False] * 42
     held = compare(trials(first, [1.2] * 100), trials(second, [1.0] * 100))
-    assert held.safe_by_chance == pytest.approx(2 / 2**8)
+    assert held.safe_p_value == pytest.approx(2 / 2**8)
     assert held.better, "safety comes before fuel"
     assert held.safe_interval[0] > 0
     low, high = wilson(0.58, 100), wilson(0.5, 100)
@@ -48,7 +48,7 @@ def test_the_same_trials_tell_apart_what_shares_alone_would_not():
 def test_where_safety_may_be_chance_the_cheaper_one_is_better():
     first, second = [True] * 6 + [False] * 4, [True] * 5 + [False] * 5
     held = compare(trials(first, [1.1] * 10), trials(second, [1.2] * 10))
-    assert held.safe_by_chance == 1.0
+    assert held.safe_p_value == 1.0
     assert held.better
     assert not compare(trials(second, [1.2] * 10), trials(first, [1.1] * 10)).better
     same = trials(first, [1.0] * 10)

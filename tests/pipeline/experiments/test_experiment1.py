@@ -6,16 +6,16 @@ from planted import cells
 
 from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment1 import objectives_figure, objectives_table, paper_findings
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 
 
 def test_objectives_are_drawn_where_the_table_has_them(trials):
     summary = summarize(trials)
-    look = styles(summary["planner"])
-    left, right = objectives_figure(summary, 10, look).axes
+    styles = planner_styles(summary["planner"])
+    left, right = objectives_figure(summary, 10, styles).axes
     rows = [t.get_text() for t in left.get_yticklabels()]
     assert rows == ["Expert", "Minimum energy", "FF1", "LSTM1", "my net"]
-    dots = [x for x in right.get_lines() if x.get_markeredgecolor() == look["ff1"].colour]
+    dots = [x for x in right.get_lines() if x.get_markeredgecolor() == styles["ff1"].colour]
     assert sorted(float(np.ravel(x.get_xdata())[0]) for x in dots) == [3.0, 10.0]
     ticks = [x for x in right.get_lines() if x.get_marker() == "|"]
     assert sorted(float(np.ravel(x.get_xdata())[0]) for x in ticks) == [0.0494, 0.95, 1.906]
@@ -76,4 +76,4 @@ def test_the_tuned_recipe_is_held_to_half_the_collisions_and_a_tenth_of_the_fuel
         ("lstm2", "tuned", "flown", [1, 1], 0.08),  # 0.700 and 0.105 times
     )
     (answer,) = paper_findings(summary)
-    assert (answer.verdict, answer.numbers[-20:]) == ("In part", "1 and 1 of 2 so good")
+    assert (answer.verdict, answer.numbers[-24:]) == ("In part", "1 and 1 of 2 networks do")

@@ -14,7 +14,7 @@ from pipeline.experiments.experiment2 import (
     sizes_tables,
     time_findings,
 )
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 
 COLLISIONS, FUEL = QUANTITIES["collisions"], QUANTITIES["fuel"]
 
@@ -25,10 +25,10 @@ def lines_of(ax, colour):
 
 def test_scaling_shows_the_averages_and_the_papers_points(trials):
     summary = summarize(trials)
-    look = styles(summary["planner"])
-    figure = sizes_figure(summary, COLLISIONS, look)
+    styles = planner_styles(summary["planner"])
+    figure = sizes_figure(summary, COLLISIONS, styles)
     flown = next(ax for ax in figure.axes if ax.get_title(loc="left") == "paper recipe, flown")
-    curve = next(x for x in lines_of(flown, look["ff1"].colour) if len(x.get_xdata()) == 2)
+    curve = next(x for x in lines_of(flown, styles["ff1"].colour) if len(x.get_xdata()) == 2)
     np.testing.assert_allclose(curve.get_xydata(), [[10, 1.5], [30, 1.5]])
     hollow = [x for x in flown.get_lines() if x.get_markerfacecolor() == "white"]
     points = sorted(float(x.get_ydata()[0]) for x in hollow)
@@ -37,7 +37,7 @@ def test_scaling_shows_the_averages_and_the_papers_points(trials):
 
 def test_a_planner_unknown_to_the_paper_is_drawn_and_named(trials):
     summary = summarize(trials)
-    figure = sizes_figure(summary, FUEL, styles(summary["planner"]))
+    figure = sizes_figure(summary, FUEL, planner_styles(summary["planner"]))
     names = [t.get_text() for t in figure.legends[0].get_texts()]
     assert "my net" in names
     assert "hollow: in the paper" in names
@@ -52,7 +52,7 @@ def test_two_recipes_of_a_network_whose_output_is_a_plan_are_both_drawn(rows):
             for row in rows("my net", recipe, "plan", n, [0], [fuel], [True])
         ]
     )
-    figure = sizes_figure(summarize(table), FUEL, styles(["my net"]))
+    figure = sizes_figure(summarize(table), FUEL, planner_styles(["my net"]))
     drawn = [line.get_ydata().tolist() for ax in figure.axes for line in ax.get_lines()]
     assert [2.0, 2.0] in drawn
     assert [3.0, 3.0] in drawn

@@ -15,7 +15,7 @@ from pipeline.experiments.experiment3 import (
     warmstart_figure,
     warmstart_table,
 )
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 from pipeline.report import no_rows
 
 ALL_OF_3 = "100 % [43.9, 100.0]"
@@ -81,8 +81,8 @@ def test_the_refiners_seeds_are_counted_with_no_others(both):
 
 
 def test_a_box_has_the_quartiles_of_its_seed(warmstarts):
-    look = styles(["ff1"])
-    figure = warmstart_figure(warmstarts, 10, look)
+    styles = planner_styles(["ff1"])
+    figure = warmstart_figure(warmstarts, 10, styles)
     first_safe = next(a for a in figure.axes if "first safe" in a.get_title(loc="left"))
     box = first_safe.patches[0].get_path().vertices[:, 0]  # none: 0.2, 0.4, 0.9 s
     assert (box.min(), box.max()) == pytest.approx((0.3, 0.65))
@@ -91,7 +91,7 @@ def test_a_box_has_the_quartiles_of_its_seed(warmstarts):
 def test_figure_8_has_both_optimizers_side_by_side(both):
     unseeded = both[both["rule"] == "first safe"].assign(rule="converged")
     both = pd.concat([both, unseeded[unseeded["seed"] == "none"]])
-    plain, expert = optimizers_figure(both, 10, styles(["ff1"])).axes
+    plain, expert = optimizers_figure(both, 10, planner_styles(["ff1"])).axes
     assert (plain.get_title(loc="left"), expert.get_title(loc="left")) == (
         "Plain SCP, n = 10",
         "Our expert, n = 10",
@@ -107,7 +107,7 @@ def test_figure_8_has_both_optimizers_side_by_side(both):
 
 
 def test_the_experts_own_figure_has_none_of_the_plain_scps_times(both):
-    figure = warmstart_figure(both, 10, styles(["ff1"]))
+    figure = warmstart_figure(both, 10, planner_styles(["ff1"]))
     rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
     assert rows == ["No seed", "FF1 tuned"]
     assert figure.axes[0].get_xlim()[1] < 2.0
@@ -227,7 +227,7 @@ def test_how_much_times_vary_is_compared_with_the_straight_line_on_the_same_tria
     assert answer.question.startswith("Do times vary less from networks' seeds than from")
     assert answer.verdict == verdict
     if verdict == "Confirmed":
-        said = "Plain SCP, mean distance from the median: 0.100 s against 0.300 s"
+        said = "Plain SCP, mean deviation from the median: 0.100 s against 0.300 s"
         assert answer.numbers == f"{said}, 2 of 2 pairs lower beyond chance"
 
 

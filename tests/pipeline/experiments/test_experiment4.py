@@ -17,7 +17,7 @@ from pipeline.experiments.experiment4 import (
     times_tables,
     trained_on,
 )
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 from pipeline.report import Results, build_report
 
 GRIDS = {6: 10, 11: 20, 21: 40}
@@ -95,19 +95,19 @@ def test_tables_have_both_ways_and_dashes_where_a_network_does_not_fit(times):
 
 def test_a_figure_has_both_ways_side_by_side_and_marks_the_training(times):
     summary = summarize_times(times)
-    look = styles(summary["planner"])
+    styles = planner_styles(summary["planner"])
     assert recipes_of(summary) == ["paper", "tuned"]
-    figure = times_figure(summary, "tuned", look)
+    figure = times_figure(summary, "tuned", styles)
     assert len(figure.axes) == 6
     fuel = figure.axes[4:]
     assert [ax.get_xlabel() for ax in fuel] == ["transfer time (min)"] * 2
     for ax in fuel:
         drawn = {line.get_color(): line.get_xydata().tolist() for line in ax.get_lines()}
-        assert drawn[look["lstm1"].colour] == [[10, 1.25], [20, 1.2], [40, 3.5]]
+        assert drawn[styles["lstm1"].colour] == [[10, 1.25], [20, 1.2], [40, 3.5]]
         assert [20, 20] in [list(line.get_xdata()) for line in ax.get_lines()]
     assert "FF1" not in [t.get_text() for t in figure.legends[0].get_texts()]
-    paper = times_figure(summary, "paper", look).axes[4]
-    (alone,) = (x for x in paper.get_lines() if x.get_color() == look["ff1"].colour)
+    paper = times_figure(summary, "paper", styles).axes[4]
+    (alone,) = (x for x in paper.get_lines() if x.get_color() == styles["ff1"].colour)
     assert alone.get_xydata().tolist() == [[20, 9.0]]
 
 
@@ -121,7 +121,7 @@ def test_a_way_without_the_trainings_own_time_borrows_it_from_the_other(times_at
 def test_without_networks_one_figure_is_still_there(times):
     summary = summarize_times(times[times.planner.isin(["expert", "minimum energy"])])
     assert recipes_of(summary) == [""]
-    assert len(times_figure(summary, "", styles(summary["planner"])).axes) == 6
+    assert len(times_figure(summary, "", planner_styles(summary["planner"])).axes) == 6
 
 
 def test_several_trainings_show_their_average_and_spread(times):
@@ -131,7 +131,7 @@ def test_several_trainings_show_their_average_and_spread(times):
     flown = {tuple(row[:3]): row[3:] for row in body}
     assert flown["LSTM1", "tuned", "flown"][0] == "2.250 ± 1.414"  # 1.25 and 3.25
     assert flown["Expert", "", "plan"][0] == "1.000"
-    (band,) = times_figure(summary, "tuned", styles(summary["planner"])).axes[4].collections
+    (band,) = times_figure(summary, "tuned", planner_styles(summary["planner"])).axes[4].collections
     low, high = band.get_datalim(band.axes.transData).intervaly
     assert (low, high) == pytest.approx((2.2 - 2**0.5, 4.5 + 2**0.5))
 

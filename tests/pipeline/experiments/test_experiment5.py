@@ -29,7 +29,7 @@ from pipeline.experiments.records import (
     TYPICAL,
     WORLDS,
 )
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 from pipeline.report import Results, build_report
 
 SCENARIOS, EACH = 100, 4
@@ -109,14 +109,14 @@ UNSURE, UNSURE_ANEW = (4, 4, 4, 4), (40, 3, 4, 3)
 @pytest.mark.parametrize(
     ("close", "verdict"),
     [
-        (SAFE_ANYHOW, "Yes, as they stand"),
-        (REPLANNING, "Yes, made anew at every node"),
-        (MARGINAL, "Only made anew at every node with a margin"),
-        (CORRECTED, "Only for a risk with feedback"),
-        (EITHER, "Only for a risk with feedback, or made anew with a margin"),
-        (HOPELESS, "No, with feedback or a margin neither"),
+        (SAFE_ANYHOW, "Yes, in open loop"),
+        (REPLANNING, "Yes, replanned at every node"),
+        (MARGINAL, "Only replanned at every node with a margin"),
+        (CORRECTED, "Only with feedback, for a risk"),
+        (EITHER, "Only with feedback, for a risk, or replanned with a margin"),
+        (HOPELESS, "No, not even with feedback or a margin"),
         (UNSURE, "Open: too few scenarios"),
-        (UNSURE_ANEW, "Not as they stand; else too few"),
+        (UNSURE_ANEW, "Not in open loop; otherwise too few"),
     ],
 )
 def test_what_to_trust_is_decided_by_the_whole_interval_of_flights_that_come_close(close, verdict):
@@ -141,8 +141,8 @@ def test_every_planner_that_keeps_craft_apart_has_its_own_verdict():
     flights = table(expert=MARGINAL, refiner=REPLANNING, decoupled_optimum=HOPELESS[:3])
     found = {one.question.split()[2]: one for one in flight_findings(flights)}
     assert {who: one.verdict for who, one in found.items()} == {
-        "expert's": "Only made anew at every node with a margin",
-        "refiner's": "Yes, made anew at every node",
+        "expert's": "Only replanned at every node with a margin",
+        "refiner's": "Yes, replanned at every node",
     }
     assert (
         "30 % [21.9, 39.6] in open loop, 20 % [13.3, 28.9] with feedback, 0 % [0.0, 3.7] rep"
@@ -189,7 +189,7 @@ def test_a_figure_of_plans_as_flown_has_panels_for_each_size_and_hollow_markers_
     rows = in_both_models(
         summarize_flights(pd.concat([table(expert=MARGINAL), planned_too("expert")]))
     )
-    figure = planned_figure(rows, styles(rows["planner"]))
+    figure = planned_figure(rows, planner_styles(rows["planner"]))
     assert [ax.get_title(loc="left") for ax in figure.axes[:2]] == ["n = 10", "n = 30"]
     drawn = {
         (line.get_markerfacecolor() == "white", float(line.get_xdata()[0])): line.get_ydata()[0]
@@ -291,8 +291,8 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
     flights = [table(expert=MARGINAL, decoupled_optimum=(55, 53, 54))]
     flights += [table(n=30, worlds=[TYPICAL], expert=MARGINAL)]
     summary = in_loops(summarize_flights(pd.concat(flights)))
-    look = styles(summary["planner"])
-    figure = flights_figure(summary, look)
+    styles = planner_styles(summary["planner"])
+    figure = flights_figure(summary, styles)
     assert len(figure.axes) == 12
     assert [ax.get_title(loc="left") for ax in figure.axes[:4]] == [
         "n = 10, linear",
@@ -303,7 +303,7 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
     drawn = [
         (round(float(line.get_xdata()[0])), float(line.get_ydata()[0]))
         for line in figure.axes[0].get_lines()
-        if line.get_color() == look["expert"].colour and line.get_markerfacecolor() != "white"
+        if line.get_color() == styles["expert"].colour and line.get_markerfacecolor() != "white"
     ]
     assert drawn == [(0, 0.4), (1, 0.2), (2, 0.15), (3, 0.0)]
     hollow = [line for line in figure.axes[0].get_lines() if line.get_markerfacecolor() == "white"]

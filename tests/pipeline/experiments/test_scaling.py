@@ -16,7 +16,7 @@ from pipeline.experiments.scaling import (
     sections,
     summarize_larger,
 )
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 from pipeline.figures.tables import Writer
 from pipeline.report import Results, build_report
 
@@ -88,14 +88,14 @@ def test_the_table_has_a_row_for_each_size_and_planner(planned):
 
 def test_the_figure_has_the_sizes_side_by_side_and_the_averages_on_them(planned):
     summary = summarize_larger(larger_swarms(planned, VALID))
-    look = styles(summary["planner"])
-    figure = scaling_figure(summary, look)
+    styles = planner_styles(summary["planner"])
+    figure = scaling_figure(summary, styles)
     excess = figure.axes[2]
     drawn = {line.get_color(): line for line in excess.get_lines()}
-    points = drawn[look["refiner"].colour].get_xydata()
+    points = drawn[styles["refiner"].colour].get_xydata()
     assert points[:, 0].tolist() == [30, 60, 300]
     assert points[:, 1] == pytest.approx(2.0)
-    assert drawn[look["decoupled optimum"].colour].get_ydata().tolist() == [0, 0, 0]
+    assert drawn[styles["decoupled optimum"].colour].get_ydata().tolist() == [0, 0, 0]
     assert excess.get_xscale() == "log"
 
 
@@ -139,7 +139,7 @@ def test_findings_have_the_numbers_of_each_size(planned):
 def test_without_larger_swarms_there_is_no_section(trials, planned):
     assert sections(prepared(trials), trained(), {}) == []
     assert scaling_findings(larger_swarms(prepared(trials), trained()), trained()) == []
-    (one,) = sections(planned, VALID, styles(planned["planner"]))
+    (one,) = sections(planned, VALID, planner_styles(planned["planner"]))
     text = Writer().write(one)
     assert text.startswith("## Beyond 30 spacecraft")
     assert "Collisions, safety, fuel and time at n = 30, 60, 300." in text
@@ -147,7 +147,7 @@ def test_without_larger_swarms_there_is_no_section(trials, planned):
 
 def test_experiment_2_ends_where_the_paper_does(planned):
     summary = summarize(planned)
-    found = section(summary, styles(summary["planner"])).values
+    found = section(summary, planner_styles(summary["planner"])).values
     assert found["sizes"] == [10, 30]
     figure = found["pictures"]["collisions"].figure
     drawn = [x for ax in figure.axes for line in ax.get_lines() for x in line.get_xdata()]

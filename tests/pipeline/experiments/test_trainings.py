@@ -34,7 +34,7 @@ def test_averages_over_training_seeds_show_their_spread(trials, results):
     ff1 = next(r for r in cells(table)[1] if r[:3] == ["FF1", "paper", "flown"])
     assert ff1[3] == "1.50 ± 0"
     assert ff1[9] == "3.50 ± 0.707"
-    assert "± the standard deviation" in table.signs
+    assert "± the standard deviation" in table.notation
     fuel = sizes_tables(summary)["fuel"]
     assert ["FF1", "paper", "flown", "3.500 ± 0.707", "3.500 ± 0.707"] in cells(fuel)[1]
     training = pd.concat([results.training, results.training.assign(training_seed=1, version="2")])

@@ -369,7 +369,7 @@ def test_the_page_shows_them_and_says_what_is_proven():
     assert shown.faults == ()
     clear = plan.certificate.clearance
     assert clear is not None
-    assert f"{clear.min_clearance:.4f} m further apart than these ask for" in text
+    assert f"{clear.min_clearance:.4f} m further apart than their sizes ask for" in text
     assert "debris has a radius of 10 m, drifts" in text
     data, _ = page_data(plan)
     document = document_of(plan.scenario)

@@ -54,13 +54,17 @@ def test_a_section_without_what_it_shows_says_how_to_get_it():
 
 def test_a_table_says_what_its_signs_mean_and_only_those_that_it_has():
     plain = Table("t", SHARES, [Column("Name", "name"), Column("Mean", "mean", number)])
-    assert plain.signs == ""
+    assert plain.notation == ""
     spread = Column("Mean", "mean", number, "spread")
-    assert Table("t", SHARES, [spread]).signs.startswith("Networks trained with several seeds show")
+    assert Table("t", SHARES, [spread]).notation.startswith(
+        "Networks trained with several seeds show"
+    )
     once = SHARES.assign(spread=float("nan"))
-    assert Table("t", once, [spread]).signs == "", "each was trained once"
+    assert Table("t", once, [spread]).notation == "", "each was trained once"
     interval = Column("Share", "mean", share, interval=("low", "high"))
-    assert Table("t", SHARES, [interval]).signs.startswith("Brackets are 95 % intervals: Wilson's")
+    assert Table("t", SHARES, [interval]).notation.startswith(
+        "Brackets are 95 % intervals: Wilson's"
+    )
 
 
 def test_columns_of_one_heading_stand_beside_each_other():

@@ -1,4 +1,4 @@
-"""One look for all figures."""
+"""One styles for all figures."""
 
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier, BrokenBarrierError
@@ -19,12 +19,12 @@ from pipeline.figures.labels import (
     label_name,
     name_of,
 )
-from pipeline.figures.style import KNOWN, fit_scale, in_style, save, styles
+from pipeline.figures.style import KNOWN, fit_scale, in_style, planner_styles, save
 
 
 def test_each_planner_has_a_colour_and_a_marker_of_its_own():
-    look = styles(["ff1", "my net", "another", "third"])
-    assert set(look) == {
+    styles = planner_styles(["ff1", "my net", "another", "third"])
+    assert set(styles) == {
         *EXPERTS,
         *BASELINES,
         *FEED_FORWARD,
@@ -34,8 +34,8 @@ def test_each_planner_has_a_colour_and_a_marker_of_its_own():
         "another",
         "third",
     }
-    assert len({s.colour for s in look.values()}) == len(look)
-    assert len({s.marker for s in look.values()}) == len(look)
+    assert len({s.colour for s in styles.values()}) == len(styles)
+    assert len({s.marker for s in styles.values()}) == len(styles)
 
 
 def test_families_are_told_apart_by_their_lines():

@@ -10,7 +10,7 @@ def test_the_report_opens_with_the_questions_as_a_table(results):
     assert isinstance(table, Table)
     header = table.markdown.splitlines()[0]
     titles = [title.strip() for title in header.strip("|").split("|")]
-    assert titles == ["Question", "Verdict", "Numbers", "Best free baseline"]
+    assert titles == ["Question", "Verdict", "Numbers", "Best baseline"]
     assert (table.frame["verdict"].str.len() > 0).all()
 
 
