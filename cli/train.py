@@ -131,11 +131,11 @@ def tune(
 ) -> None:
     """Search learning rate, batch size, dropout and input with Optuna.
 
-    What counts is the distance from the expert's positions on the validation split, or what an
-    architecture of your own names instead. Each trial is a nested MLflow run. After an
-    interruption run the same command again: it goes on to the same number of trials. Trials are the
-    same one after the other, with --jobs, or on a Dask cluster whose machines all reach --data.
-    Several processes may share the work.
+    It minimizes the distance from the expert's positions on the validation split, or the metric
+    that the architecture names: the refiner, its validation loss. Each trial is a nested MLflow
+    run. After an interruption run the same command again: it goes on to the same number of trials.
+    Trials are the same one after the other, with --jobs, or on a Dask cluster whose machines all
+    reach --data. Several processes may share the work.
 
     Examples:
 
