@@ -44,10 +44,10 @@ from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}  # of swarms by default, by optimizer
-FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
+FLOWN_BASELINES = ("minimum energy", DECOUPLED)
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 WEIGHTS_DIGITS = 16  # kept of each model's digest: MLflow limits a parameter to 6000 characters
-SHORTEST = 4  # nodes of the shortest transfer planned anew: with fewer, the goal leaves no choice
+FEWEST_NODES = 4  # of the shortest transfer that is replanned: with fewer the goal fixes controls
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class HeldOut:
         resume: bool,
         progress: Progress,
     ) -> Done:
-        """Run and record an experiment; with ``resume``, go on with an earlier run, or return it.
+        """Run and record an experiment; with ``resume``, continue or return an earlier run.
 
         ``params`` are parameters beside the settings. ``make`` is given a folder for the run's
         files and the parts that are finished, and makes the table, a row for each trial. ``kind``
@@ -237,8 +237,8 @@ def flights(
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
         larger = solved_scenarios(settings.data, LARGEST_SIZE, "test")
         larger = larger[: min(MOST_LARGER, settings.trials or MOST_LARGER)]
-    baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
-    shortest = replace(scenarios[0].problem, nodes=SHORTEST)
+    baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FLOWN_BASELINES]
+    shortest = replace(scenarios[0].problem, nodes=FEWEST_NODES)
     for network in ground.networks:
         network.on(shortest)  # refuses weights that fit one T alone
     safe = [

@@ -26,7 +26,7 @@ from registry.training import training_tables
 
 EVALUATED = "Experiments 1 and 2, examples"  # name of the evaluation among a report's parts
 DATA = ("dataset_digest",)
-SAME = (*DATA, "models")  # parameters that a run must share with the evaluation to be in its report
+SAME = (*DATA, "models")  # parameters that other runs in the report must share with the evaluation
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ PARTS = {  # by name
         for name in OPTIMIZERS
     },
     "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
-    # Of the networks, those alone take part whose plans can be made anew on the way.
+    # Only networks that can replan on the way take part.
     "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
 }
 

@@ -32,7 +32,7 @@ SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a 
 
 @dataclass(frozen=True)
 class Contest:
-    """The outcome of comparing a version with the champion: who is it now, and why."""
+    """The outcome of comparing a version with the champion: the champion now, and why."""
 
     champion: ModelVersion
     reason: str
@@ -97,7 +97,7 @@ def train_model(
     """
     asked = training.AskedTraining.of(arch, seed, settings)
     data = asked.examples(progress)
-    connect()  # a store that is away is better known before training than after
+    connect()  # so that a store that cannot be reached is known before the training
     finished = training.train_and_fly(asked, data, progress)
     version = _record(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
