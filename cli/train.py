@@ -53,11 +53,11 @@ def train(
     names = name_list(arch)
     if not names:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from cli.jobs.training import followed_recipe
+    from cli.jobs.training import recipe_of
 
     asked = list(product(names, int_list(seed, "--seed", least=0)))
     for one, number in asked:
-        followed_recipe(one, number, settings)  # a name that is wrong stops all of them
+        recipe_of(one, number, settings)  # a name that is wrong stops all of them
     by = workers_of(context, workers)
     at_once = by.scheduler is not None or (by.jobs != 1 and len(asked) > 1)
     several = len({number for _, number in asked}) > 1
@@ -93,12 +93,12 @@ def _trained_at_once(
     resume: bool,
 ) -> list[dict[str, Any]]:
     from cli.jobs.train import train_models, trained_before
-    from cli.jobs.training import AskedTraining
+    from cli.jobs.training import TrainingTask
 
     with progress(f"training ({settings.recipe})") as shown:
         earlier = [trained_before(*one, settings, shown) if resume else None for one in asked]
         left = [
-            AskedTraining.of(*one, settings)
+            TrainingTask.of(*one, settings)
             for one, before in zip(asked, earlier, strict=True)
             if before is None
         ]

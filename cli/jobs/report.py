@@ -53,7 +53,7 @@ PARTS = {  # by name
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ReportedRun:
     """A run that is in the report, with its table and the models that are still registered."""
 
     run: Run
@@ -66,7 +66,7 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     if (out / MANIFEST).exists():
         raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
     run = evaluation(run_id)
-    first = Found(run, sound_table(run), _models_of(run))
+    first = ReportedRun(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
         examples = [_example(run, path) for path in paths]
     others, notes = _parts_beside(run)
@@ -90,7 +90,7 @@ def _example(run: Run, path: Path) -> Example:
         raise unusable_file(run, f"{FILES}/{path.name}", error) from error
 
 
-def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
+def _parts_beside(first: Run) -> tuple[dict[str, ReportedRun], list[str]]:
     """The parts of an evaluation's report by name, and why others are left out."""
     found, notes = {}, []
     for name, part in PARTS.items():
@@ -100,7 +100,7 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
             try:
                 # Other parts have the evaluation's models.
                 models = _models_of(run) if part.same == DATA else ()
-                found[name] = Found(run, sound_table(run), models)
+                found[name] = ReportedRun(run, sound_table(run), models)
             except ProlearnError as error:
                 notes.append(f"{name} is left out: {error}")
         elif other := latest(part.experiment, part.having):
@@ -140,11 +140,11 @@ def _models_of(run: Run) -> list[ModelVersion]:
 
 
 def _without_faulty(
-    parts: Mapping[str, Found], examples: Sequence[Example]
-) -> tuple[dict[str, Found], list[str]]:
+    parts: Mapping[str, ReportedRun], examples: Sequence[Example]
+) -> tuple[dict[str, ReportedRun], list[str]]:
     """Parts and models that make a report, and notes on others."""
 
-    def fault(beside: Mapping[str, Found], models: Sequence[ModelVersion] = ()) -> str:
+    def fault(beside: Mapping[str, ReportedRun], models: Sequence[ModelVersion] = ()) -> str:
         """The error that a report of some sources ends with; empty where it can be made."""
         tried = {EVALUATED: replace(first, models=models), **beside}
         with scratch_folder() as folder:
@@ -173,7 +173,7 @@ def _without_faulty(
 
 
 def _results(
-    parts: Mapping[str, Found], examples: Sequence[Example], notes: Sequence[str]
+    parts: Mapping[str, ReportedRun], examples: Sequence[Example], notes: Sequence[str]
 ) -> Results:
     training, curves = training_tables(parts[EVALUATED].models)
     tables: dict[str, list[pd.DataFrame]] = {}
@@ -190,7 +190,7 @@ def _results(
     )
 
 
-def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
+def _notes(parts: Mapping[str, ReportedRun]) -> Iterator[str]:
     """Notes on parts of other versions than the evaluation, without checksums, of other models."""
     first = parts[EVALUATED].run
     for name, part in parts.items():
@@ -211,7 +211,7 @@ def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
             yield f"{name}: {', '.join(others)} took part there and not in this evaluation."
 
 
-def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
+def _provenance(parts: Mapping[str, ReportedRun]) -> pd.DataFrame:
     rows = [
         _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""))
         for name, part in parts.items()

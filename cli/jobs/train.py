@@ -47,7 +47,7 @@ def trained_before(
     settings name only if it was trained there. Where its training was killed before it was
     compared with the champion, it is now, and the outcome is returned.
     """
-    recipe, manifest = training.followed_recipe(arch, seed, settings), read_manifest(settings.data)
+    recipe, manifest = training.recipe_of(arch, seed, settings), read_manifest(settings.data)
     wanted = {
         **models.recipe_params(recipe),
         "arch": arch,
@@ -95,7 +95,7 @@ def train_model(
 
     ProlearnError where the loss diverges or the tracking store fails.
     """
-    asked = training.AskedTraining.of(arch, seed, settings)
+    asked = training.TrainingTask.of(arch, seed, settings)
     data = asked.examples(progress)
     connect()  # so that a store that cannot be reached is known before the training
     finished = training.train_and_fly(asked, data, progress)
@@ -104,7 +104,7 @@ def train_model(
 
 
 def train_models(
-    asked: Sequence[training.AskedTraining], workers: Workers, progress: Progress = SILENT
+    asked: Sequence[training.TrainingTask], workers: Workers, progress: Progress = SILENT
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order asked.
 
@@ -123,7 +123,7 @@ def train_models(
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _record(asked: training.AskedTraining, finished: training.FinishedTraining) -> ModelVersion:
+def _record(asked: training.TrainingTask, finished: training.FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
         recipe=asked.recipe,
