@@ -176,7 +176,7 @@ class WorkerSettings:
         "Where workers run: this machine, or a Dask cluster.", default="loky"
     )
     scheduler: str | None = setting(
-        "Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
+        "Address of Dask's, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
     )
     scheduler_wait: float | None = setting(
         "Seconds in which a lost scheduler may come back; 300 by default."
