@@ -12,7 +12,7 @@ LSTM := lstm1,lstm2,lstmcol
 REFINER := refiner
 
 export MLFLOW_DISABLE_TELEMETRY := true
-# Eight processes more of the UI, for evaluations of language models.
+# Else the UI starts eight more processes, for evaluations of language models.
 export MLFLOW_SERVER_ENABLE_JOB_EXECUTION := false
 
 # Modules are compiled once and kept, also where the environment says otherwise: every command starts faster.
@@ -33,7 +33,7 @@ INSTALL = $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --requi
 
 $(BIN)/prolearn: pyproject.toml requirements/run.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; v < (3, 11) and sys.exit("$(TOO_OLD)" % v[:2])'
-	$(PYTHON) -m venv --clear $(VENV)  # what another Python or an earlier lock installed does not mix
+	$(PYTHON) -m venv --clear $(VENV)  # without what another Python or an earlier lock installed
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt torch setuptools uv
 	$(call INSTALL,requirements/run.txt)
 	rm -rf prolearn.egg-info  # of an earlier version, which would be taken for the installed one
@@ -49,7 +49,7 @@ $(BIN)/sphinx-build: $(BIN)/prolearn requirements/docs.txt
 	@touch $@
 
 DEMO = OMP_NUM_THREADS=1 $(BIN)/prolearn
-demo: $(BIN)/prolearn ## the whole line at small scale: dataset, seven networks, experiments, report
+demo: $(BIN)/prolearn ## the whole pipeline at small scale: dataset, seven networks, experiments, report
 	$(BIN)/prolearn dataset --preset demo --out data/demo --jobs $(JOBS)
 	$(MAKE) --jobs 2 --output-sync demo-lstm demo-ff demo-refiner
 	$(MAKE) --jobs 2 --output-sync demo-flights demo-evaluate demo-warmstart demo-plain demo-times

@@ -24,22 +24,22 @@ FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM, which ends a run as Ctrl-C does."""
+    """The interrupt that SIGTERM raises, so that it ends a run as Ctrl-C does."""
 
 
-AGAIN_SECONDS = 0.05  # after so long an interrupt that a callback has swallowed is raised again
-# Key in a command's context of what was typed: its words, and the values of its options
+RETRY_SECONDS = 0.05  # delay after which an interrupt that a callback has swallowed is raised again
+# Key in a command's context of the typed words and values of options
 TYPED = "prolearn.typed"
 # Typer's error for arguments that a command does not have; its message quotes them
 USAGE: Any = typer.BadParameter.__base__
-CONTROL_GROUP = Path("/sys/fs/cgroup")  # where a container says what it may take
+CONTROL_GROUP = Path("/sys/fs/cgroup")  # files with a container's limit of memory and its use
 
 
 class CommandGroup(TyperGroup):
-    """Commands whose errors are one sentence and an exit status."""
+    """A group of commands whose errors are one sentence and an exit status."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Remember what was typed: it may hold URLs, whose secrets no message shows."""
+        """Parse what was typed and keep it: it may hold URLs, whose secrets no message shows."""
         escape_unencodable()
         ctx.meta[TYPED] = [re.sub("^--[a-z-]+=", "", word) for word in args]
         try:
@@ -65,7 +65,7 @@ class CommandGroup(TyperGroup):
         except KeyboardInterrupt as stop:
             ended = isinstance(stop, Terminated)
             word, status = ("terminated", TERMINATED) if ended else ("interrupted", INTERRUPTED)
-            # Commands that say nothing of what is kept go on where they were, when run again.
+            # Commands that do not say what is kept continue from there when they are run again.
             _stop(ctx, f"{word}; {str(stop) or 'what was finished is kept.'}", status)
 
 
@@ -73,8 +73,8 @@ class CommandGroup(TyperGroup):
 def _sigterm_raises() -> Iterator[None]:
     """In the block a first SIGTERM raises Terminated; a second ends the process at once.
 
-    It and Ctrl-C end the run even where they come in a weak reference's callback or a finalizer,
-    whose exceptions Python only reports, and goes on.
+    It and Ctrl-C end the run even where they arrive in a weak reference's callback or a finalizer,
+    whose exceptions Python only reports.
     """
     if threading.current_thread() is not threading.main_thread():  # it cannot set handlers
         yield
@@ -90,7 +90,7 @@ def _sigterm_raises() -> Iterator[None]:
 
         if isinstance(unraisable.exc_value, KeyboardInterrupt) and hasattr(signal, "SIGALRM"):
             signal.signal(signal.SIGALRM, again)
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
+            signal.setitimer(signal.ITIMER_REAL, RETRY_SECONDS)
         else:
             usual(unraisable)
 
@@ -103,11 +103,11 @@ def _sigterm_raises() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _in_words(error: Exception) -> str:
-    """What an error says; a file is named as the person knows it, and not our temporary one."""
+def _message_of(error: Exception) -> str:
+    """An error's message, which names the file that the user knows and not our temporary one."""
     if not (isinstance(error, OSError) and error.strerror):
         return str(error)
-    # Other libraries that name no file have sentences of their own.
+    # A full disk is reported without a file for stdout alone; other errors without one are whole.
     full = error.filename is None and error.strerror == os.strerror(ENOSPC)
     name = "stdout" if full else error.filename
     if not isinstance(name, str):
@@ -115,18 +115,18 @@ def _in_words(error: Exception) -> str:
     path = Path(name)
     return (
         f"{unfinished(path) or path} cannot be read or written ({error.strerror}); expected one "
-        "that can: name another, or look at its rights and the room on its disk."
+        "that can: name another, or check its permissions and the space on its disk."
     )
 
 
 def _fail(ctx: Any, error: Exception) -> None:
-    """End the command with a sentence, unless our reader has left: click is silent then."""
+    """End the command with a sentence, unless stdout's reader is gone: click is silent then."""
     if getattr(error, "errno", None) != EPIPE:
-        _stop(ctx, _in_words(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
+        _stop(ctx, _message_of(error), BAD_INPUT if isinstance(error, InputError) else FAILED)
 
 
 def _stop(ctx: Any, message: str, status: int) -> None:
-    # The last net: no secret that was typed gets past it.
+    # Every message is printed here, and no secret that was typed is in it.
     echo(f"prolearn: {public(message, *ctx.meta.get(TYPED, ()))}", err=True)
     raise typer.Exit(status)
 
@@ -142,12 +142,12 @@ def explained_interrupt(kept: Callable[[], str]) -> Iterator[None]:
 
 
 def refuse_overwriting(source: Path, target: Path) -> None:
-    """Raise InputError where what is made of a file would be written in its place, or a pipe's."""
+    """Raise InputError where an output would overwrite the file that it is made from, or a pipe."""
     refuse_special(target)
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
-            f"{target} is what is read, and would be written over; expected another name for what "
-            "is made of it: give --out."
+            f"{target} is the input and would be overwritten; expected another name for the "
+            "output: give --out."
         )
 
 
@@ -155,8 +155,8 @@ def refuse_overwriting(source: Path, target: Path) -> None:
 def within_memory() -> Iterator[None]:
     """In the block this process gets no more memory than is free, where the system is Linux.
 
-    Linux grants what it does not have, and kills who uses it. With a limit the request fails, and
-    a ProlearnError takes the place of the MemoryError.
+    Linux grants memory that it does not have, and kills a process that uses it. With a limit the
+    request fails, and a ProlearnError takes the place of the MemoryError.
     """
     free = available()
     try:

@@ -1,4 +1,4 @@
-"""Commands that write a plan in other forms: files of other tools, and a page to look at."""
+"""Commands that write a plan in other forms: files for other tools, and an HTML page."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,21 +12,21 @@ from cli.settings import PlanFile, option
 from pipeline.errors import InputError, told_where
 from pipeline.files import STDIO, stem_of
 
-Form = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
+Format = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
 
 
 def convert(
     plan: PlanFile,
-    to: Annotated[Form, option("Format.")],
+    to: Annotated[Format, option("Format.")],
     out: Annotated[
         Path | None, option("A file or -, for OEM and OPM a folder; by default named as the plan.")
     ] = None,
     mass: Annotated[
         str | None,
-        option("Of craft at the first node, kg: for all, or one,for,each; default: scenario's."),
+        option("At the first node, kg: one for all craft, or one,for,each; default: scenario's."),
     ] = None,
     specific_impulse: Annotated[
-        str | None, option("Of their thrusters, s: for all, or one,for,each.")
+        str | None, option("Of thrusters, s: one for all craft, or one,for,each.")
     ] = None,
 ) -> None:
     """Write a plan in a format that other tools read.
@@ -53,7 +53,7 @@ def convert(
 
     form, folder = FORMATS[to], not FORMATS[to].suffix
     given = {"--mass": mass, "--specific-impulse": specific_impulse}
-    held, impulse = (None if text is None else numbers(text, name) for name, text in given.items())
+    masses, isp = (None if text is None else numbers(text, name) for name, text in given.items())
     made = read_plan(plan)
     target = out or (plan if plan == STDIO else plan.with_suffix(form.suffix))
     if target == STDIO and (folder or not form.text):
@@ -63,9 +63,9 @@ def convert(
         there, wanted = ("file", "folder") if folder else ("folder", "file")
         raise InputError(f"{target} is a {there}; expected a {wanted} for {to}: give --out.")
     with told_where(plan):
-        files = write_plan_as(to, made, target, stem_of(plan), mass=held, specific_impulse=impulse)
+        files = write_plan_as(to, made, target, stem_of(plan), mass=masses, specific_impulse=isp)
     if folder:
-        echo(f"{target}: {len(files)} files, one a craft, in EME2000.")
+        echo(f"{target}: {len(files)} files, one for each craft, in EME2000.")
     else:
         of = made.scenario
         _tell(target, f"{of.n} craft at {of.problem.nodes} nodes.")
@@ -108,5 +108,5 @@ def show(
 
 
 def _tell(target: Path, what: str) -> None:
-    """Say what was written, on stderr where that is on stdout."""
+    """Say what was written; on stderr where the output is on stdout."""
     echo(f"{'stdout' if target == STDIO else target}: {what}", err=target == STDIO)

@@ -89,8 +89,8 @@ def solve(
 ) -> None:
     """Solve the scenarios of a folder with the expert.
 
-    What is solved already is kept and what is damaged is done again: after an interruption of
-    any kind run the same command again.
+    Solved shards are kept and damaged ones are made again: after an interruption of any kind run
+    the same command again.
 
     Examples:
 
@@ -181,20 +181,20 @@ def verify(
     mend: Annotated[
         bool,
         option(
-            "Do damaged shards again; foreign files go to _foreign/, damaged ones to _damaged/.",
+            "Make damaged shards again; foreign files go to _foreign/, damaged ones to _damaged/.",
             "--repair",
         ),
     ] = False,
     yes: Annotated[
-        bool, option("Set files aside, too, that hold sound rows of another dataset.", "--yes")
+        bool, option("Also set aside files with sound rows of another dataset.", "--yes")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Check the integrity of a dataset and the physics of every row.
 
     Dynamics, ends, separation at all times and fuel are computed anew. `--repair` deletes
-    nothing, and leaves files alone that hold sound rows, which the manifest does not expect:
-    then it may be the manifest that is wrong. Exit status 1: faults are left.
+    nothing, and leaves files alone whose rows are sound but not expected by the manifest: then
+    it may be the manifest that is wrong. The exit status is 1 where faults are left.
 
     Examples:
 

@@ -46,8 +46,8 @@ def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = Fa
     """Experiment 3: start an optimizer from each network's plan and from simple seeds.
 
     Networks, straight line, minimum energy and the decoupled optima give seeds; the report sets
-    both optimizers side by side. All that it asks is how long each start takes, so it works on one
-    thread of this machine: workers beside it would change the times.
+    both optimizers side by side. The time of each start is measured, so it runs on one thread of
+    this machine: workers beside it would change the times.
 
     Examples:
 
@@ -64,8 +64,9 @@ def warmstart(settings: WarmStarts, resume: Resume = False, as_json: AsJson = Fa
 def transfer_times(context: typer.Context, settings: TransferTimes, how: RunSettings) -> None:
     """Experiment 4: transfer times that no network was trained for.
 
-    The same ends with other nodes T and with other time steps Δt. Feed-forward networks have
-    weights for one T alone; at other T, LSTMs, the refiner, experts and baselines take part.
+    The same end states with other numbers of nodes T and other time steps Δt. Feed-forward
+    networks have weights for one T alone; at other T, LSTMs, the refiner, experts and baselines
+    take part.
 
     Examples:
 
@@ -82,10 +83,10 @@ def flights(context: typer.Context, settings: Flights, how: RunSettings) -> None
     """Experiment 5: plans flown with nonlinear dynamics and with errors.
 
     Plans of expert, networks and baselines are flown in the linear model and about an oblate
-    Earth, without and with errors of thrust and navigation: as they are, for a risk with feedback,
-    made anew at every node, and with margin. The expert makes a network's plans safe where they
-    are not. Beside these, plans made as flown, also about eccentric orbits, are flown without
-    errors. Swarms of n = 30 fly about the usual orbit, too, where the data have them.
+    Earth, without and with errors of thrust and navigation: in open loop, for a risk with
+    feedback, and replanned at every node without and with a margin. The expert makes a network's
+    plans safe where they are not. Plans made as flown, also about eccentric orbits, are flown
+    without errors. Swarms of n = 30 fly about the usual orbit, too, where the data have them.
 
     Examples:
 
@@ -126,9 +127,8 @@ def report(
 ) -> None:
     """Write tables, figures and the report of an evaluation.
 
-    Warm starts, transfer times and trainings go in where they are of the same models on the same
-    data, flights where they are on the same data; the report says what is missing or was made with
-    other versions.
+    It includes warm starts, transfer times and trainings of the same models on the same data, and
+    flights on the same data; it says what is missing or was made with other versions.
 
     Examples:
 

@@ -48,18 +48,18 @@ def fly(
     each effect, added to those above it: how far the worst craft then ends from its goal, what
     the effect added at most, its share of the final error, and which pair comes closest when.
     Exit status 0: no pair comes within r_col at any time, or at the nodes where the plan was made
-    for these only; 1: one does; 2: bad input. Where craft have radii of their own or there are
-    obstacles, it is by these, and where there are corridors, craft also stay inside of them.
+    for these only; 1: one does; 2: bad input. With radii of craft or obstacles, clearances decide
+    instead, and with corridors, craft must also stay inside of them.
 
     With `--trials` it is flown so many times with errors of thrust, timing and navigation; with
-    `--replan feedback` also with what is off the plan corrected at every node; with `--replan
-    every-node` planned anew from where craft seem to be, without and with a margin. The table
-    has how often a pair comes within r_col, with Wilson's intervals, errors at the goal and Δv;
-    into the folder go the trials, the table and a figure. Obstacles have no errors, and scenarios
-    with radii, obstacles or corridors are flown as they are planned only. With `--error lost=1` a
-    craft, drawn at random, loses its thrust in each, at any time, and the others replan around
-    its drift. Killed or interrupted, the same command goes on; the exit status is 0 when all is
-    flown.
+    `--replan feedback` also with deviations from the plan corrected at every node; with `--replan
+    every-node` also replanned at every node from estimated states, without and with a margin. The
+    table has how often a pair comes within r_col, with Wilson's intervals, errors at the goal and
+    Δv; into the folder go the trials, the table and a figure. Obstacles have no errors, and plans
+    with radii, obstacles, corridors, waypoints or thrust fields other than max_acceleration are
+    flown in open loop only. With `--error lost=1` a craft, drawn at random, loses its thrust in
+    each trial, at any time, and the others replan around its drift. After a kill or an
+    interruption the same command continues; the exit status is 0 when all is flown.
 
     Examples:
 
@@ -130,7 +130,7 @@ def _fly_trials(
         return
     print_trials(loops, plan.scenario.problem.collision_radius, settings.size)
     if required is not None:
-        note(*_kept(required))
+        note(*_replanned_for(required))
     if errors.lost > 0:
         note(f"A craft is lost with probability {errors.lost:g}; errors at goals are of others.")
     echo(f"The trials, trials.csv and the figure are in {folder}/.")
@@ -156,8 +156,8 @@ def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
     return errors
 
 
-def _kept(required: "Requirements") -> Iterator[str]:
-    """A sentence on what replanning keeps other than separation at all times, if anything."""
+def _replanned_for(required: "Requirements") -> Iterator[str]:
+    """A sentence on requirements of replanning other than separation at all times, if any."""
     if required.at_nodes:
         yield "Planned anew, craft are kept apart at the nodes only, as in the plan."
     elif required.passive_safety is not None:
@@ -213,13 +213,13 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 def _verdict(report: Mapping[str, Any]) -> str:
     worst, off = report["goal_error_craft"], error(report["goal_error"])
     said = f"At worst, craft {worst} ends {off} m from its goal."
-    return " ".join([*_adrift(report), said, *_corridor(report), _apart(report)])
+    return " ".join([*_drift(report), said, *_corridor(report), _separation(report)])
 
 
-def _adrift(report: Mapping[str, Any]) -> Iterator[str]:
+def _drift(report: Mapping[str, Any]) -> Iterator[str]:
     drift = report["passive_safety"] or {}
     if clear := drift.get("clearance"):
-        node, what = clear["node"], _clear(clear)
+        node, what = clear["node"], _clearance(clear)
     elif drift.get("pair"):
         node, (i, j) = drift["node"], drift["pair"]
         what = f"craft {i} comes within {drift['min_separation']:.2f} m of craft {j}"
@@ -237,14 +237,14 @@ def _corridor(report: Mapping[str, Any]) -> Iterator[str]:
         yield f"{kept} {found['craft']} is {abs(by):.2f} m {'in' if by > 0 else 'out'}side {where}."
 
 
-def _apart(report: Mapping[str, Any]) -> str:
+def _separation(report: Mapping[str, Any]) -> str:
     radius, clear = report["collision_radius"], report.get("clearance")
     if not _too_close(report, radius):
         if clear:
-            return f"{_clear(clear).replace('craft', 'Craft', 1)}, the least of all."
+            return f"{_clearance(clear).replace('craft', 'Craft', 1)}, the least of all."
         return f"No pair comes within {radius:g} m."
     if clear:
-        what = _clear(clear)
+        what = _clearance(clear)
     else:
         i, j = report["min_separation_pair"]
         what = (
@@ -256,8 +256,8 @@ def _apart(report: Mapping[str, Any]) -> str:
     return f"{said}: {what}."
 
 
-def _clear(of: Mapping[str, Any]) -> str:
-    """By how much a craft is clear of another, or of an obstacle, or too close."""
+def _clearance(of: Mapping[str, Any]) -> str:
+    """The clearance between a craft and another, or an obstacle, in words."""
     other = f"craft {of['other']}" if isinstance(of["other"], int) else of["other"]
     by, craft = of["min_clearance"], f"craft {of['craft']}"
     if by > 0:
@@ -266,7 +266,7 @@ def _clear(of: Mapping[str, Any]) -> str:
 
 
 def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> None:
-    """Print a column for each way to fly, a row for each quantity, in 80 columns for three."""
+    """Print a column for each loop and a row for each quantity; three loops fit 80 characters."""
     sized = summaries[0].least_clearance is not None
     shares = {
         "too close by sizes" if sized else f"within r_col, {radius:g} m": "within_radius",
@@ -274,7 +274,7 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
     }
     if summaries[0].outside_corridor is not None:
         shares["outside a corridor"] = "outside_corridor"
-    lines = [[label, *(_shared(one, name) for one in summaries)] for label, name in shares.items()]
+    lines = [[label, *(_share(one, name) for one in summaries)] for label, name in shares.items()]
     for label, name, text in QUANTITIES:
         values = [getattr(one, name) for one in summaries]
         if any(value is not None for value in values):
@@ -304,6 +304,6 @@ QUANTITIES: Sequence[tuple[str, str, Callable[[float], str]]] = (
 )
 
 
-def _shared(one: "Summary", name: str) -> str:
+def _share(one: "Summary", name: str) -> str:
     value, interval = getattr(one, name), getattr(one, f"{name}_interval")
     return MISSING if value is None else f"{share(value)} {percents(*interval)}"

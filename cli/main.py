@@ -1,4 +1,4 @@
-"""prolearn: from sampled scenarios to the report, a command a stage.
+"""The command line of prolearn, from scenarios to the report: one command for each stage.
 
 Commands import what they need when they run, so that help is instant.
 """
@@ -18,13 +18,13 @@ from cli import convert, dataset, experiments, fly, models, plan, scenario, trai
 from cli.app import CommandGroup
 from cli.output import echo
 
-# Threads that wait for each other sleep. Where they spin, as is OpenMP's way, and another program
-# wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
+# Threads that wait for each other sleep. Where they spin, as by OpenMP's default, and another
+# program wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-# To look for plugins Pydantic would read the metadata of every package that is installed.
+# To look for plugins, Pydantic would read the metadata of every installed package.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-# What packages make when they are imported lives as long as the process: seldom looked through for
-# cycles that nobody uses, and not at the end, a command takes a fifth less time.
+# Objects that imports make live as long as the process: with garbage collected seldom, and not at
+# exit, a command takes a fifth less time.
 gc.set_threshold(50_000)
 atexit.register(gc.freeze)
 
@@ -50,7 +50,7 @@ COMMANDS: Mapping[str, Sequence[Any]] = {
 """Groups of commands in the help."""
 
 
-class Line(CommandGroup):
+class OrderedCommands(CommandGroup):
     """All commands, in the order of the work."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -64,7 +64,7 @@ class Line(CommandGroup):
 
 app = typer.Typer(
     name="prolearn",
-    cls=Line,
+    cls=OrderedCommands,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,

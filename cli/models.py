@@ -73,7 +73,7 @@ def list_models(as_json: AsJson = False) -> None:
 
 
 def document_of(version: "ModelVersion") -> dict[str, Any]:
-    """A version as it stands in a JSON document."""
+    """A version as a JSON document has it."""
     return {"uri": version.uri, **vars(version)}
 
 
@@ -190,8 +190,8 @@ def export(
     """Write models for on-board use, each as one file with a model card beside it.
 
     States in m and m/s go in and come out; scaling is inside. onnxruntime's answer is compared
-    with torch's before the file takes its name. A refiner becomes a folder with what one craft
-    runs by itself: a file for each step, between which craft tell each other. The refiner that
+    with torch's before the file takes its name. A refiner becomes a folder with the part that one
+    craft runs: a file for each step, between which craft exchange messages. The refiner that
     `prolearn plan --planner refiner` runs is called packaged here, and needs no store.
 
     Examples:
@@ -207,12 +207,12 @@ def export(
     from cli.jobs.export import export as run
     from registry.models import resolve
 
-    # A name that is wrong stops all of them.
+    # A wrong name stops all of them.
     versions = [None if model == PACKAGED else resolve(model) for model in models]
     targets = _targets(versions, out)
     for version, target in each("exporting", list(zip(versions, targets, strict=True))):
         file, card = run(version, target, n=n, flown=flown)
-        _say(file)
+        _print_export(file)
         echo(f"Model card: {card}")
 
 
@@ -230,7 +230,7 @@ def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> lis
     return [(out or Path()) / name for name in names]
 
 
-def _say(file: "Exported | ExportedCraft") -> None:
+def _print_export(file: "Exported | ExportedCraft") -> None:
     from pipeline.networks.refiner.on_board_export import ExportedCraft
 
     if isinstance(file, ExportedCraft):
@@ -239,7 +239,7 @@ def _say(file: "Exported | ExportedCraft") -> None:
         echo(
             f"{file.folder}/: one craft's steps: {steps}.",
             f"onnxruntime on one core, one call: {times}.",
-            f"Told in a round for each live encounter: {sum(file.told.values())} numbers.",
+            f"Messages of a round for each live encounter: {sum(file.told.values())} numbers.",
             f"Largest difference from torch in {file.swarms} swarms flown craft by craft: "
             f"{file.difference:.1e} of the largest control.",
         )
@@ -266,4 +266,4 @@ def register(folder: Annotated[Path, typer.Argument(help="A folder in unregister
     from registry.training import register_kept
 
     version = register_kept(folder)
-    echo(f"{version.name} version {version.version} is registered; {folder} can go.")
+    echo(f"{version.name} version {version.version} is registered; {folder} can be deleted.")

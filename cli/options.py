@@ -1,4 +1,4 @@
-"""Typer's options from fields of frozen dataclasses, lists in options, completion."""
+"""Options of commands: Typer's from fields of dataclasses, lists of values, completion."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import fields, is_dataclass
@@ -71,9 +71,9 @@ def given_options(context: typer.Context) -> dict[str, str]:
 
 
 def refuse(context: typer.Context, names: Collection[str] | type, reason: str) -> None:
-    """Raise InputError for the first parameter given of some that would have no effect.
+    """Raise InputError where an option is given that would have no effect.
 
-    They are named, or are the fields of a dataclass; the reason says why, and what to do.
+    Such options are named, or are the fields of a dataclass; the reason says why, and what to do.
     """
     if isinstance(names, type):
         names = [field.name for field in fields(names)]
@@ -119,7 +119,7 @@ def name_list(text: str | None) -> Sequence[str]:
 
 
 def planners() -> list[str]:
-    """Completion of planners: those of the package, and architectures, whose champions plan."""
+    """Completion of planners: the package's, and architectures, whose champions plan."""
     from pipeline.planners.named import NAMES
 
     return sorted({*NAMES, *architectures("")})

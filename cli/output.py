@@ -28,7 +28,7 @@ def escape_unencodable() -> None:
 
 
 def echo(*lines: object, err: bool = False) -> None:
-    """Print lines, or do so on stderr; what a terminal would obey, or not show, is an escape."""
+    """Print lines on stdout or stderr; control and invisible characters are shown as escapes."""
     for line in lines:
         typer.echo(visible(str(line)), err=err)
 
@@ -50,7 +50,7 @@ def note(*lines: object) -> None:
 
 
 def plain_text(text: object, style: str = "") -> Text:
-    """A text as rich shows it: no markup is in it, and what cannot be seen is an escape."""
+    """A text for rich without markup, with invisible characters as escapes."""
     return Text(visible(str(text)), style)
 
 
@@ -68,9 +68,9 @@ def print_table(
 ) -> None:
     """Print a table, plain and in full width where it does not go to a terminal.
 
-    On a terminal the first column gives way at its beginning, for the rest to fit; columns for
-    which there is no room even so follow in a table below. Columns in ``texts`` are aligned left,
-    as the others, numbers, are not; rows in ``marked`` are red.
+    On a terminal the first column is cut at its beginning where the rest would not fit; columns
+    that still do not fit follow in a table below. Columns in ``texts`` are aligned left, the
+    others right; rows in ``marked`` are red.
     """
     rows = [[visible(cell) for cell in row] for row in rows]
     console = wide_console()
@@ -96,13 +96,13 @@ def print_table(
 
 @contextmanager
 def stdout_for_document(as_json: bool) -> Iterator[None]:
-    """In the block, whatever prints does so on stderr where stdout is for a document."""
+    """In the block, all that is printed goes to stderr where stdout is for a document."""
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         yield
 
 
 def stdout_free(out: object, as_json: bool) -> bool:
-    """Whether stdout is for what people are told; InputError where two documents are for it."""
+    """Whether stdout is free for messages; InputError where two documents would go there."""
     if out == STDIO and as_json:
         raise InputError(
             "--json is given and --out is -; expected one of them, since stdout takes one document."
@@ -111,10 +111,10 @@ def stdout_free(out: object, as_json: bool) -> bool:
 
 
 def print_json(document: Any) -> None:
-    """Print strict JSON: what is not a finite number is null, times are as in ISO 8601.
+    """Print strict JSON: infinities and NaN are null, times are in ISO 8601.
 
-    The document may hold dataclasses, paths, times and numbers of numpy's, too. What cannot be
-    seen of its texts is an escape of JSON.
+    The document may also hold dataclasses, paths, times and numpy's numbers. Invisible characters
+    of its texts become JSON's escapes.
     """
     from pydantic_core import to_jsonable_python
 

@@ -23,7 +23,7 @@ from pipeline.files import STDIO, refuse_special, refuse_unwritable, stem_of
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
 
-TOGETHER = 50  # most scenarios planned at once: progress is seen, and what is done is kept
+MOST_AT_ONCE = 50  # scenarios planned at once: between groups plans are written, progress shown
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}  # units of a duration, s
 NUMBER = r"(\d+(?:\.\d+)?)"
 RANGE = re.compile(rf"\s*{NUMBER}\s*\.\.\s*{NUMBER}\s*({'|'.join(UNITS)})\s*")
@@ -57,32 +57,31 @@ def plan(
 ) -> None:
     """Plan transfers of scenario files, each with a certificate.
 
-    A table says of each plan who made it, fuel and Δv, the gap to the proven lower bound, which
-    pair comes closest, when and how close, and the time that it took. The exit status is 1 where
-    a plan is not safe, and the reason is named.
+    A table has for each plan its planner, fuel and Δv, the gap to the proven lower bound, which
+    pair comes closest, when and how close, and the computing time. The exit status is 1 where a
+    plan is not safe, and the reason is named.
 
     The refiner's plan is taken where it is proven safe, else one convex solve follows it, else
-    the expert plans; the plan says which. With an --effort beyond the first it seeds the expert
-    instead, as the plan of any other model does. So what
-    comes out is safe wherever the expert finds a safe plan; --raw leaves the expert out. The
-    refiner and LSTMs plan on time grids other than that of their training, too. `refiner` comes
-    with the package; one that was trained here is named with its recipe or version, as
-    refiner:tuned.
+    the expert plans; the plan says which. With --effort default or best it seeds the expert
+    instead, as the plan of any other model does. So the plan is safe wherever the expert finds a
+    safe one; --raw leaves the expert out. The refiner and LSTMs also plan on time grids other
+    than that of their training. `refiner` comes with the package; one that was trained here is
+    named with its recipe or version, as refiner:tuned.
 
-    With `--assignment optimal` craft are interchangeable: each takes the goal that costs least in
-    all. The gap is then to the least fuel of any assignment, and the plan file says who takes
-    which goal and what that saves at least against any plan in the order given.
+    With `--assignment optimal` craft are interchangeable, and goals are assigned such that the
+    fuel of all is least. The gap is then to the least fuel of any assignment, and the plan file
+    says who takes which goal and what that saves at least against any plan in the order given.
 
     With `--risk` pairs are kept so far apart that, flown in open loop with Gaussian errors in the
     linear model, they come within the collision radius with at most that probability, at any time
     from the first node to the last. The certificate has the bound, and the fuel without it. With
-    `--closed-loop` it is the risk of flying with `fly --replan feedback`: at each node what is off
-    the plan is corrected, and the bound counts corrections beyond the thrust limit, too.
+    `--closed-loop` it is the risk of flying with `fly --replan feedback`: at each node deviations
+    from the plan are corrected, and the bound counts corrections beyond the thrust limit, too.
 
-    With `--passive-safety` no pair comes within collision_radius either should one craft lose
-    thrust at any node and drift from there for so many orbits, 0.5 or 2, while the others fly their
-    plan and then drift on from their goals. Where the two ends alone forbid it the plan is said
-    to be infeasible, with the pair and the time.
+    With `--passive-safety` no pair comes within collision_radius either if one craft loses thrust
+    at any node and drifts from there for so many orbits, such as 0.5 or 2, while the others fly
+    their plan and then drift on from their goals. Where the end states alone forbid it, the plan
+    is called infeasible, with the pair and the time.
 
     With `--world` the plan is made for the flight that `prolearn fly` flies, about an orbit with
     eccentricity, J2 and, if asked for, drag: there it meets goals and waypoints to a micrometre,
@@ -160,7 +159,7 @@ def plan(
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
     """Neighbours of one problem and size, which are planned together."""
     for _, run in groupby(scenarios, key=lambda scenario: (scenario.problem, scenario.n)):
-        while group := list(islice(run, TOGETHER)):
+        while group := list(islice(run, MOST_AT_ONCE)):
             yield group
 
 
@@ -192,10 +191,9 @@ def tradeoff(
 
     Thrust arcs keep the scenario's time_step and their number varies, so each duration is a whole
     number of arcs. Into the folder go the safe plans, tradeoff.csv and a figure. The knee is
-    where the curve of Δv is furthest below the line between its ends, both scaled to 0..1
-    (Kneedle), if that is a tenth at least and a minute saves half as much after it as before, or
-    less; else there is none. The exit status is 1 where no duration has a safe
-    plan.
+    where the curve of Δv is furthest below the line between its ends, both axes scaled to 0..1
+    (Kneedle), if that distance is at least 0.1 and a minute more saves at most half as much after
+    it as before; else there is none. The exit status is 1 where no duration has a safe plan.
 
     Examples:
 

@@ -1,4 +1,4 @@
-"""The table of plans: who made each, what it costs, how near the optimum, who comes closest."""
+"""The table of plans: planner, fuel, optimality gap and closest pair of each."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isfinite
@@ -100,7 +100,7 @@ def _legend(rows: Sequence[Row]) -> Iterator[str]:
     if any(row.get("clearance") for row in rows):
         yield SIGNED
     if any(row["largest_share"] for row in rows):
-        yield "largest share: that a craft burns of its delta_v; in no plan is it below the next."
+        yield "largest share: that a craft burns of its delta_v; ≥: a lower bound for any plan."
     if any(row["smallest_burn"] for row in rows):
         yield (
             "least: the smallest burn of a thruster. bit costs: fuel that min_delta_v adds to the "
@@ -109,16 +109,16 @@ def _legend(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def orbit_in_words(of: Mapping[str, Any]) -> str:
-    """A reference orbit, by its mean elements, and its forces in a line."""
+    """A line with the mean elements of a reference orbit and its perturbations."""
     from pipeline.orbit.reference_orbit import ReferenceOrbit
 
     mean = ReferenceOrbit(**of).mean_elements
-    held, j2 = of["ballistic"], "with" if of["j2"] else "without"
-    pulled = f"drag of {held:g} m²/kg ± {of['spread']:.0%}" if held else "without drag"
+    ballistic, j2 = of["ballistic"], "with" if of["j2"] else "without"
+    drag = f"drag of {ballistic:g} m²/kg ± {of['spread']:.0%}" if ballistic else "without drag"
     orbit = (
         f"mean eccentricity {mean.eccentricity:.4g}, inclination {degrees(mean.inclination):.5g}°"
     )
-    return f"{orbit}, {j2} J2, {pulled}."
+    return f"{orbit}, {j2} J2, {drag}."
 
 
 def _print_craft(row: Row) -> None:

@@ -81,7 +81,7 @@ class DisplayedProgress(JobProgress):
         echo(f"prolearn: {public(sentence)}", err=True)
 
     def _print_line(self, bar: Progress) -> None:
-        """Where no bar is seen, say where the work is, now and then and at the end."""
+        """Where there is no bar, print a line of progress now and then and at the end."""
         task = bar.tasks[self._task]
         done, total, seconds = task.completed, task.total or 0.0, task.elapsed or 0.0
         if bar.console.is_terminal or (seconds - self._told < LINE_SECONDS and done < total):
@@ -126,6 +126,6 @@ def _bar(console: Console) -> Progress:
         TimeRemainingColumn(table_column=whole),
         _NoteColumn(),
         console=console,
-        # What goes to a file or a pipe must go there.
+        # Output to a file or a pipe must go there and not to the bar.
         redirect_stdout=bool(sys.stdout and sys.stdout.isatty()),
     )

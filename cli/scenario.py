@@ -49,8 +49,8 @@ MOST_CASES = 5  # faults of a kind that the table shows, the worst ones
 
 EITHER = "expected --from and --to for rings of your own, or neither for a draw of a family."
 DRAWN = ("family", "n", "seed", "index", "split")  # options of a draw
-OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circle has no use for
-DRAG = ("ballistic", "spread")  # which only orbits of inertial states are given
+OF_ORBITS = ("argument_of_perigee_deg", "no_j2")  # options that a circular orbit has no use for
+DRAG = ("ballistic", "spread")  # options for scenarios from inertial states only
 SHAPE = ("eccentricity", "argument_of_perigee_deg")
 # Options that inertial states have no use for
 NOT_INERTIAL = (*DRAWN, "start", "to", "altitude", *ANGLES, *SHAPE)
@@ -93,7 +93,7 @@ def new(
     --chief or of the mean of the craft, whose osculating elements are the scenario's orbit. Files
     are folders of orbit ephemeris messages, as `prolearn convert --to oem` writes them and read at
     the times of the first and the last node, or tables of states or of osculating elements, whose
-    columns docs/files.md has.
+    columns are in docs/files.md.
 
     Examples:
 
@@ -120,7 +120,7 @@ def new(
         refuse(context, NOT_INERTIAL, why)
         made = files.scenario(asked, place.epoch, j2=not place.no_j2)
         content = {**document_of(made), **thrust.fields(made.n)}
-        _told(scenario, write_by_hand(scenario, content))
+        _say_written(scenario, write_by_hand(scenario, content))
         return
     refuse(context, DRAG, "without --initial; leave it out, or add --initial and --goal.")
     orbit = None
@@ -141,10 +141,10 @@ def new(
     if known := place.fields(orbit):
         content["reference"] = known
     content |= thrust.fields(scenario_from(content, "").n)
-    _told(scenario, write_by_hand(scenario, content))
+    _say_written(scenario, write_by_hand(scenario, content))
 
 
-def _told(scenario: Path, made: "Scenario") -> None:
+def _say_written(scenario: Path, made: "Scenario") -> None:
     if stdout_free(scenario, as_json=False):
         echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
 
@@ -159,7 +159,7 @@ def _rings(option: str, given: list[str]) -> Mapping[str, Any]:
                 f"{option} is {text!r}; expected fields of a ring, each once: craft=4,size=200."
             )
         for name, value in ring.items():
-            with suppress(ValueError):  # text that is no number the file's format refuses
+            with suppress(ValueError):  # reading the file refuses text that is no number
                 ring[name] = float(value)
         rings.append(ring)
     return {"rings": rings}
@@ -179,12 +179,12 @@ def check(
     scenario: Annotated[Path, typer.Argument(help="Scenario file; - is standard input.")],
     as_json: AsJson = False,
 ) -> None:
-    """Validate a scenario: report every violated rule, with its size, and what is fine.
+    """Validate a scenario: report every rule, violated or not, and by how much.
 
     At both ends: pairs too close, craft that drift (Eq. 3), pairs that come too close in an orbit
-    of free drift. Of the transfer: craft whose thrust limit is too low, and what they need at
-    least, each on its own, of thrust, of intervals to burn in, and of Δv, and how far off the
-    linear model is. Exit status 0: all is fine; 1: something is wrong; 2: the file cannot be read.
+    of free drift. Of the transfer: craft whose thrust limit is too low; the least thrust, burn
+    intervals and Δv that each needs on its own; and the error of the linear model. Exit status 0:
+    all is fine; 1: something is wrong; 2: the file cannot be read.
 
     Examples:
 

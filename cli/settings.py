@@ -140,7 +140,7 @@ class TrainingSettings:
     dropout: float | None = setting("Share of hidden outputs dropped in training.")
     batch_size: int | None = setting("Instances a step.")
     collision_weight: float | None = setting("Weight of the collision penalty (ffcol, lstmcol).")
-    crowded: int | None = setting("Crowded scenarios that the refiner learns from beside the data.")
+    crowded: int | None = setting("Crowded scenarios that the refiner learns from, too.")
     device: Device = "auto"
     memory: float = setting(
         "GB that data may take; larger datasets stream shard by shard.", default=2.0
@@ -176,7 +176,7 @@ class WorkerSettings:
         "Where workers run: this machine, or a Dask cluster.", default="loky"
     )
     scheduler: str | None = setting(
-        "Of Dask, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
+        "Address of Dask's, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
     )
     scheduler_wait: float | None = setting(
         "Seconds in which a lost scheduler may come back; 300 by default."
@@ -236,10 +236,10 @@ class ProblemSettings:
 
 @dataclass(frozen=True)
 class ThrustSettings:
-    """Thrusters, their limits, and what is asked of burns; the same for every craft."""
+    """Thrusters, their limits, and requirements on burns; the same for every craft."""
 
     thrust: Literal["components", "norm"] = _thrust(
-        "Thrusters along the axes, or one that is pointed; directions go into the file.",
+        "Thrusters along the axes, or one that is pointed; for others edit the file.",
         default="components",
     )
     max_acceleration_norm: float | None = _thrust("Limit on the norm of the control, m/s².")
@@ -250,7 +250,8 @@ class ThrustSettings:
     )
     delta_v: float | None = _thrust("What each craft may burn in all, m/s.")
     objective: Literal["total", "fair"] = _thrust(
-        "Least fuel of all, or the least largest share of what craft have left.", default="total"
+        "Least: the fuel of all, or the largest share that a craft burns of what it may.",
+        default="total",
     )
 
     def fields(self, n: int) -> dict[str, Any]:
@@ -332,7 +333,7 @@ ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")  # of an or
 
 @dataclass(frozen=True)
 class OrbitPlace:
-    """Where and when the orbit of a new scenario is, and its shape if it is no circle."""
+    """Where and when the orbit of a new scenario is, and its shape if it is not circular."""
 
     epoch: str | None = setting(
         "Of the first node, such as 2026-03-01T12:00:00Z; with the three angles below the "
@@ -366,7 +367,7 @@ class OrbitPlace:
     def fields(self, orbit: "ReferenceOrbit | None") -> dict[str, Any]:
         """Epoch and angles, as far as known, as a file's ``reference``; an orbit's are osculating.
 
-        Of an orbit without an epoch there are none.
+        They are none for an orbit without an epoch.
         """
         if orbit is not None and self.epoch is None:
             return {}
@@ -477,21 +478,21 @@ class FlownTrials:
         metavar="NAME=VALUE",
     )
     world: Literal["nonlinear", "linear"] = _trial(
-        "The conditions above, or the model of planners.", default="nonlinear"
+        "The conditions above, or the linear model of planners.", default="nonlinear"
     )
     replan: Literal["none", "feedback", "every-node"] = _trial(
-        "Compare with craft corrected, or planned anew, at every node.", default="none"
+        "Compare with craft corrected, or replanned, at every node.", default="none"
     )
     planner: str = _trial(
-        "Who plans anew, as for `prolearn plan`.", default="expert", autocompletion=planners
+        "Of replanning, as for `prolearn plan`.", default="expert", autocompletion=planners
     )
-    effort: Effort | None = _trial("Of the expert then, as for `prolearn plan`.")
+    effort: Effort | None = _trial("Of the expert in replanning, as for `prolearn plan`.")
     sigmas: float | None = _trial(
-        "Standard deviations of separations kept beyond r_col then; 3 by default."
+        "Margin of replanning, standard deviations of separations beyond r_col; 3 by default."
     )
     size: float = _trial("Centre distance below which two craft may touch, m.", default=0.35)
     device: Literal["auto", "cpu", "cuda"] | None = _trial(
-        "Compute trials by torch on it, in the linear world; by numpy if not given."
+        "Device on which torch computes trials in the linear world; numpy does if not given."
     )
     out: Path | None = _trial("Folder; PLAN-flown by default.")
 

@@ -53,11 +53,11 @@ def train(
     names = name_list(arch)
     if not names:
         raise InputError(f"--arch is {arch!r}; expected an architecture, such as lstm2.")
-    from cli.jobs.training import followed_recipe
+    from cli.jobs.training import recipe_of
 
     asked = list(product(names, int_list(seed, "--seed", least=0)))
     for one, number in asked:
-        followed_recipe(one, number, settings)  # a name that is wrong stops all of them
+        recipe_of(one, number, settings)  # a name that is wrong stops all of them
     by = workers_of(context, workers)
     at_once = by.scheduler is not None or (by.jobs != 1 and len(asked) > 1)
     several = len({number for _, number in asked}) > 1
@@ -93,12 +93,12 @@ def _trained_at_once(
     resume: bool,
 ) -> list[dict[str, Any]]:
     from cli.jobs.train import train_models, trained_before
-    from cli.jobs.training import AskedTraining
+    from cli.jobs.training import TrainingTask
 
     with progress(f"training ({settings.recipe})") as shown:
         earlier = [trained_before(*one, settings, shown) if resume else None for one in asked]
         left = [
-            AskedTraining.of(*one, settings)
+            TrainingTask.of(*one, settings)
             for one, before in zip(asked, earlier, strict=True)
             if before is None
         ]
@@ -131,11 +131,11 @@ def tune(
 ) -> None:
     """Search learning rate, batch size, dropout and input with Optuna.
 
-    What counts is the distance from the expert's positions on the validation split, or what an
-    architecture of your own names instead. Each trial is a nested MLflow run. After an
-    interruption run the same command again: it goes on to the same number of trials. Trials are the
-    same one after the other, with --jobs, or on a Dask cluster whose machines all reach --data.
-    Several processes may share the work.
+    It minimizes the distance from the expert's positions on the validation split, or the metric
+    that the architecture names: the refiner, its validation loss. Each trial is a nested MLflow
+    run. After an interruption run the same command again: it goes on to the same number of trials.
+    Trials are the same one after the other, with --jobs, or on a Dask cluster whose machines all
+    reach --data. Several processes may share the work.
 
     Examples:
 

@@ -19,13 +19,13 @@ from prolearn.planning import conditions_about, planner_from
 
 
 def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
-    """Fly a plan's controls about an oblate Earth, with one effect more each time.
+    """Fly a plan's controls about an oblate Earth: several flights, each with one effect more.
 
-    The first flight is the plan's own, in the linear model, the last one has all effects.
+    The first flight is the plan's own, in the linear model; the last one has all effects.
 
     Args:
         plan: whose controls are flown.
-        conditions: reference orbit, by mean elements, and what perturbs it; by default a frozen,
+        conditions: reference orbit, by mean elements, and perturbations; by default a frozen,
             sun-synchronous orbit, or that of the scenario's reference. A scenario with an orbit
             has its own.
 
@@ -67,7 +67,7 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Fly a plan many times with errors of thrust, timing and navigation, in memory.
 
-    Obstacles are flown without errors. The same seed has the same trials; ``prolearn fly
+    Obstacles are flown without errors. The same seed gives the same trials; ``prolearn fly
     --trials`` flies them on several cores and keeps them in a folder.
 
     Args:
@@ -75,15 +75,15 @@ def monte_carlo(
         trials: number of flights of each loop.
         errors: standard deviations; by default those of cold gas and differential GPS.
         conditions: as in ``fly``.
-        replan: who plans anew at every node, in two further loops: without and with a margin; or
-            "feedback", which only corrects what is off the plan.
-        sigmas: standard deviations of each separation that the margin is.
+        replan: the planner that replans at every node, in two further loops: without and with a
+            margin; or "feedback", which only corrects deviations from the plan.
+        sigmas: margin of replanning, in standard deviations of each separation.
         size: distance of two craft's centres at which they may touch, m.
         seed: of the errors.
 
     Raises:
-        InputError: for fewer than one trial, or a plan that cannot be replanned,
-            as that of a scenario with radii, obstacles or corridors.
+        InputError: for fewer than one trial, or ``replan`` where a plan cannot be replanned, as of
+            a scenario with radii, obstacles, corridors, waypoints or other limits of thrust.
     """
     check_kind("plan", plan, Plan)
     check_kind("errors", errors, Errors)

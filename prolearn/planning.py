@@ -46,7 +46,7 @@ def plan(
             ones, or a scenario's own orbit.
 
     Raises:
-        InputError: for formations that no transfer can start from or end in safely.
+        InputError: for formations in which no transfer can start or end safely.
     """
     check_kind("world", world, Conditions | bool)
     refuse_formations(scenario, allow_drift=allow_drift)
@@ -58,8 +58,8 @@ def plan(
     chosen = planner_from(planner, asked, **options)
     if chosen is planner and (asked, *options.values()) != (Requirements(), None, False, "given"):
         raise InputError(
-            f"the planner {chosen.name} is given with options of one, which it has its own of; "
-            "expected its name with them, or the planner alone."
+            f"the planner {chosen.name} is given with options, and has its own of these; expected "
+            "a planner's name with options, or the planner alone."
         )
     return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
 

@@ -86,9 +86,9 @@ def scenario(
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
         thrust: thrusters along the axes, one that is pointed or of given directions, limits of the
-            norm, the smallest impulse bit, windows without burns, and what is least.
+            norm, the smallest impulse bit, windows without burns, and the objective.
         craft: what each craft has of its own, as its radius; none where all are alike.
-        obstacles: what craft keep clear of and no plan moves.
+        obstacles: bodies that craft keep clear of, and whose motion no plan changes.
         corridors: boxes and approach cones that craft stay inside of for some time.
         waypoints: places that craft must pass on their way.
         reference: where and when the orbit is, for ephemerides and for flights about the Earth.
@@ -157,7 +157,7 @@ def scenario_from_files(
         craft: what each craft has of its own; none where all are alike.
         j2: whether the Earth is oblate.
         ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
-        spread: by what share of it the first craft has less, and the last more.
+        spread: relative spread of it: the first craft has so much less, the last so much more.
         name: in tables and figures; of a file that is read, the file's name.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The loader module that models registered by earlier versions name: now ``registry.pyfunc``."""
+"""Earlier name of ``registry.pyfunc``, by which models registered by earlier versions load."""
 
 from registry.pyfunc import _load_pyfunc
 

@@ -69,7 +69,7 @@ class ModelVersion:
 
     @property
     def uri(self) -> str:
-        """What MLflow loads it by."""
+        """The URI by which MLflow loads it."""
         return f"models:/{self.name}/{self.version}"
 
     @property
@@ -84,7 +84,7 @@ class ModelVersion:
 
     @property
     def training_key(self) -> tuple[str, ...]:
-        """All that decides its training but the seed: data, size, recipe, versions."""
+        """All that decides its training except the seed: data, size, recipe, versions."""
         names = ("n_spacecraft", *sorted(PARAM_OF_FIELD.values()))
         params = (self.params.get(name, "") for name in names)
         return (self.arch, self.dataset_digest, self.tags.get(MADE_WITH, ""), *params)
@@ -113,7 +113,7 @@ def table_names(versions: Sequence[ModelVersion]) -> dict[str, str]:
 
 
 def list_versions() -> list[ModelVersion]:
-    """Every registered version, by name and number, but those with malformed runs."""
+    """Every registered version, by name and number, except those with malformed runs."""
     with opened(create=False) as store:
         return _versions(store)
 
@@ -141,8 +141,8 @@ def resolve(reference: str) -> ModelVersion:
 
     ``lstm2`` is the champion of prolearn-lstm2, ``lstm2:paper`` its newest version trained by
     that recipe, ``lstm2@ALIAS`` and ``lstm2/3`` one version; the registered name
-    ``prolearn-lstm2`` serves as well as the architecture's, and ``models:/`` may stand before. The
-    InputError where there is no such model lists what there is.
+    ``prolearn-lstm2`` serves as well as the architecture's, and ``models:/`` may stand before.
+    Where there is no such model, the InputError lists those there are.
     """
     with opened(create=False) as store:
         return _find(store, reference)

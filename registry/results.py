@@ -241,7 +241,7 @@ def _run_of(store: Store, run: Any) -> Run:
 
 
 def _runs(store: Store, experiment: str, **query: Any) -> Iterator[Any]:
-    """MLflow's runs: those with a number by that, the greatest first; others are anywhere."""
+    """MLflow's runs, those with a number in descending order; others may be anywhere."""
     return entities.pages(
         store.client.search_runs,
         experiment_ids=[store.experiments[experiment]],
@@ -265,7 +265,7 @@ def unfinished_parts(
     resume: bool,
     progress: Progress = SILENT,
 ) -> Iterator[FinishedParts]:
-    """Finished parts of an experiment that has not ended, removed once the block has ended well.
+    """Finished parts of an unfinished experiment, removed once the block ends without an error.
 
     With ``resume`` those of an earlier run are used where settings, versions and machine are the
     same; else they are removed. InputError where another process is doing the same.

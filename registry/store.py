@@ -47,7 +47,7 @@ FLIGHTS = "prolearn-flights"
 EXPERIMENTS = (TRAINING, EVALUATION, WARMSTART, TRANSFER_TIMES, FLIGHTS)
 
 TUNING = "prolearn-tuning"  # made when it is first needed: ``opened(TUNING)``
-REACH_SECONDS = 4.0  # how long a tracking server may take to say anything at all
+REACH_SECONDS = 4.0  # within which a tracking server must give any answer
 
 # Settings of MLflow for this process, where the user has chosen none
 PROCESS_DEFAULTS = {
@@ -172,7 +172,7 @@ def _prepare_process() -> None:
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         for name in ("mlflow", "alembic"):
             logging.getLogger(name).setLevel(logging.WARNING)
-        # That there is no pip, as in environments of uv, is of no concern to a model.
+        # It warns where there is no pip, as in environments of uv, which does not affect a model.
         logging.getLogger("mlflow.utils.environment").setLevel(logging.ERROR)
         # What it logs with a traceback it raises too, and the person gets it as a sentence.
         logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
@@ -198,8 +198,8 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
 def _set_up(path: Path) -> None:
     """Create or migrate MLflow's tables in an SQLite file, each migration in one transaction.
 
-    MLflow's own connection commits halves of its steps, on which no later process can go on. Here
-    each step is one transaction, so that the next process begins with the one that a kill undid.
+    MLflow's own connection commits parts of a step, from which no later process can continue. Here
+    each step is one transaction, so that the next process repeats the one that a kill undid.
     """
     from mlflow.store.db import utils  # slow to import, and only files need it
 
@@ -331,12 +331,12 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
 
 
 def check_database(path: Path) -> None:
-    """InputError for a file whose tables are not MLflow's; a missing or empty one will be one."""
+    """InputError for a file whose tables are not MLflow's; a missing or empty file is accepted."""
     try:
         tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
-            return  # of a killed writer, whose half a change SQLite takes back once it may write
+            return  # of a killed writer, whose change SQLite rolls back once it may write
         raise InputError(
             f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
         ) from error

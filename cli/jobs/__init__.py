@@ -1,1 +1,1 @@
-"""Jobs that bring datasets, models and results together: one function a command, no terminal."""
+"""Jobs of the commands, on datasets, models and results: functions that print nothing."""

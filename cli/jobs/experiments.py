@@ -44,10 +44,10 @@ from registry.results import Done, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}  # of swarms by default, by optimizer
-FREE_PLANNERS = ("minimum energy", DECOUPLED)  # baselines whose plans are flown
+FLOWN_BASELINES = ("minimum energy", DECOUPLED)
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 WEIGHTS_DIGITS = 16  # kept of each model's digest: MLflow limits a parameter to 6000 characters
-SHORTEST = 4  # nodes of the shortest transfer planned anew: with fewer, the goal leaves no choice
+FEWEST_NODES = 4  # of the shortest transfer that is replanned: with fewer the goal fixes controls
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class HeldOut:
         resume: bool,
         progress: Progress,
     ) -> Done:
-        """Run and record an experiment; with ``resume``, go on with an earlier run, or return it.
+        """Run and record an experiment; with ``resume``, continue or return an earlier run.
 
         ``params`` are parameters beside the settings. ``make`` is given a folder for the run's
         files and the parts that are finished, and makes the table, a row for each trial. ``kind``
@@ -145,9 +145,9 @@ def evaluate(
     check_whole("timed", settings.timed, 0, MOST)
     check_device(settings.device, workers)
     sizes = None if settings.sizes is None else int_list(settings.sizes)
-    ground = held_out(settings, sizes, device=settings.device)
-    scenarios = ground.scenarios
-    planners = [*classical_planners(), *(network.evaluated for network in ground.networks)]
+    inputs = held_out(settings, sizes, device=settings.device)
+    scenarios = inputs.scenarios
+    planners = [*classical_planners(), *(network.evaluated for network in inputs.networks)]
 
     def run(files: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
@@ -156,8 +156,8 @@ def evaluate(
         )
         table = pd.concat(tables, ignore_index=True)
         drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
-        for network in ground.networks:
-            add_to_model(network, table, drawn, (settings.data, ground.digest))
+        for network in inputs.networks:
+            add_to_model(network, table, drawn, (settings.data, inputs.digest))
         write_example(example_transfer(drawn, planners), files / "example.npz")
         return table
 
@@ -165,7 +165,7 @@ def evaluate(
         "sizes": listed(sorted(scenarios)),
         "planners": listed(planner.label for planner in planners),
     }
-    return ground.run(EVALUATION, params, run, resume=resume, progress=progress)
+    return inputs.run(EVALUATION, params, run, resume=resume, progress=progress)
 
 
 def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress = SILENT) -> Done:
@@ -173,16 +173,16 @@ def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress 
     optimizer = settings.optimizer
     check_choice("optimizer", optimizer, OPTIMIZERS)
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
-    ground = held_out(settings, int_list(sizes))
-    scenarios = ground.scenarios
-    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in ground.networks}
+    inputs = held_out(settings, int_list(sizes))
+    scenarios = inputs.scenarios
+    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in inputs.networks}
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = list(scenarios.values())
         return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
 
     params = {"sizes": listed(scenarios), "seeds": listed(label for label, _ in seeds)}
-    return ground.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)
+    return inputs.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)
 
 
 def transfer_times(
@@ -196,13 +196,13 @@ def transfer_times(
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     check_device(settings.device, workers)
-    ground = held_out(settings, [settings.n], device=settings.device)
-    scenarios = ground.scenarios[settings.n]
+    inputs = held_out(settings, [settings.n], device=settings.device)
+    scenarios = inputs.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
 
     def planners(problem: Problem) -> list[EvaluatedPlanner]:
         fitting = classical_planners()
-        for network in ground.networks:
+        for network in inputs.networks:
             with suppress(InputError):  # its weights are for another T
                 fitting.append(network.on(problem).evaluated)
         return fitting
@@ -215,9 +215,9 @@ def transfer_times(
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
         "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
-        "networks": listed(one.evaluated.label for one in ground.networks),
+        "networks": listed(one.evaluated.label for one in inputs.networks),
     }
-    return ground.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
+    return inputs.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
 
 
 def flights(
@@ -232,18 +232,18 @@ def flights(
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
     check_flights(settings.flights, settings.seed)
-    ground = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
-    scenarios, larger = ground.scenarios[settings.n], []
+    inputs = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
+    scenarios, larger = inputs.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
         larger = solved_scenarios(settings.data, LARGEST_SIZE, "test")
         larger = larger[: min(MOST_LARGER, settings.trials or MOST_LARGER)]
-    baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FREE_PLANNERS]
-    shortest = replace(scenarios[0].problem, nodes=SHORTEST)
-    for network in ground.networks:
+    baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FLOWN_BASELINES]
+    shortest = replace(scenarios[0].problem, nodes=FEWEST_NODES)
+    for network in inputs.networks:
         network.on(shortest)  # refuses weights that fit one T alone
     safe = [
         replace(one.evaluated, planner=FallbackPlanner(one.planner), predictor=None)
-        for one in ground.networks
+        for one in inputs.networks
     ]
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
@@ -258,6 +258,6 @@ def flights(
             progress=progress,
         )
 
-    params = {"networks": listed(one.evaluated.label for one in ground.networks)}
+    params = {"networks": listed(one.evaluated.label for one in inputs.networks)}
     params["larger"] = f"{len(larger)} of n={LARGEST_SIZE}" if larger else ""
-    return ground.run(FLIGHTS, params, run, resume=resume, progress=progress)
+    return inputs.run(FLIGHTS, params, run, resume=resume, progress=progress)

@@ -36,7 +36,7 @@ def fly_trials(
     workers: Workers,
     progress: Progress = SILENT,
 ) -> Sequence[Summary]:
-    """Fly a plan many times into a folder, in further loops replanned; a summary of each loop."""
+    """Fly a plan many times, in open and closed loop, into a folder; a summary of each loop."""
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
     world = _world(scenario, conditions, settings)
     with_feedback, planner = settings.replan == "feedback", None

@@ -27,7 +27,7 @@ from registry.training import training_tables
 
 EVALUATED = "Experiments 1 and 2, examples"  # name of the evaluation among a report's parts
 DATA = ("dataset_digest",)
-SAME = (*DATA, "models")  # parameters that a run must share with the evaluation to be in its report
+SAME = (*DATA, "models")  # parameters that other runs in the report must share with the evaluation
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ PARTS = {  # by name
         for name in OPTIMIZERS
     },
     "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
-    # Of the networks, those alone take part whose plans can be made anew on the way.
+    # Only networks that can replan on the way take part.
     "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ReportedRun:
     """A run that is in the report, with its table and the models that are still registered."""
 
     run: Run
@@ -71,7 +71,7 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
         raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
     refuse_unwritable(out / "report.md")  # before all is read and drawn
     run = evaluation(run_id)
-    first = Found(run, sound_table(run), _models_of(run))
+    first = ReportedRun(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
         examples = [_example(run, path) for path in paths]
     others, notes = _parts_beside(run)
@@ -95,7 +95,7 @@ def _example(run: Run, path: Path) -> Example:
         raise unusable_file(run, f"{FILES}/{path.name}", error) from error
 
 
-def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
+def _parts_beside(first: Run) -> tuple[dict[str, ReportedRun], list[str]]:
     """The parts of an evaluation's report by name, and why others are left out."""
     found, notes = {}, []
     for name, part in PARTS.items():
@@ -105,7 +105,7 @@ def _parts_beside(first: Run) -> tuple[dict[str, Found], list[str]]:
             try:
                 # Other parts have the evaluation's models.
                 models = _models_of(run) if part.same == DATA else ()
-                found[name] = Found(run, sound_table(run), models)
+                found[name] = ReportedRun(run, sound_table(run), models)
             except ProlearnError as error:
                 notes.append(f"{name} is left out: {error}")
         elif other := latest(part.experiment, part.having):
@@ -145,11 +145,11 @@ def _models_of(run: Run) -> list[ModelVersion]:
 
 
 def _without_faulty(
-    parts: Mapping[str, Found], examples: Sequence[Example]
-) -> tuple[dict[str, Found], list[str]]:
+    parts: Mapping[str, ReportedRun], examples: Sequence[Example]
+) -> tuple[dict[str, ReportedRun], list[str]]:
     """Parts and models that make a report, and notes on others."""
 
-    def fault(beside: Mapping[str, Found], models: Sequence[ModelVersion] = ()) -> str:
+    def fault(beside: Mapping[str, ReportedRun], models: Sequence[ModelVersion] = ()) -> str:
         """The error that a report of some sources ends with; empty where it can be made."""
         tried = {EVALUATED: replace(first, models=models), **beside}
         with scratch_folder() as folder:
@@ -178,7 +178,7 @@ def _without_faulty(
 
 
 def _results(
-    parts: Mapping[str, Found], examples: Sequence[Example], notes: Sequence[str]
+    parts: Mapping[str, ReportedRun], examples: Sequence[Example], notes: Sequence[str]
 ) -> Results:
     training, curves = training_tables(parts[EVALUATED].models)
     tables: dict[str, list[pd.DataFrame]] = {}
@@ -195,7 +195,7 @@ def _results(
     )
 
 
-def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
+def _notes(parts: Mapping[str, ReportedRun]) -> Iterator[str]:
     """Notes on parts of other versions than the evaluation, without checksums, of other models."""
     first = parts[EVALUATED].run
     for name, part in parts.items():
@@ -216,7 +216,7 @@ def _notes(parts: Mapping[str, Found]) -> Iterator[str]:
             yield f"{name}: {', '.join(others)} took part there and not in this evaluation."
 
 
-def _provenance(parts: Mapping[str, Found]) -> pd.DataFrame:
+def _provenance(parts: Mapping[str, ReportedRun]) -> pd.DataFrame:
     rows = [
         _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""))
         for name, part in parts.items()

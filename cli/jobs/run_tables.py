@@ -57,7 +57,7 @@ FITTING = {
 
 
 def sound_table(run: Run) -> pd.DataFrame:
-    """A run's table: a row for each trial; InputError where it is none of its experiment's."""
+    """A run's table: a row for each trial; InputError where columns are not its experiment's."""
     table = table_of(run).replace("own LP", DECOUPLED)  # its earlier name
     if table.empty:
         raise unusable_file(run, TABLE, "it has no rows")

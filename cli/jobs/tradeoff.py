@@ -23,7 +23,7 @@ NOT_IN_CSV = (
     *("passive_safety", "clearance", "corridor"),
     *("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters", "craft_share"),
 )
-"""Fields of a row that are neither number nor word; the plan files have them."""
+"""Fields of a row that are neither numbers nor text; the plan files have them."""
 
 
 def trade(

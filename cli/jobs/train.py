@@ -32,7 +32,7 @@ SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a 
 
 @dataclass(frozen=True)
 class Contest:
-    """The outcome of comparing a version with the champion: who is it now, and why."""
+    """The outcome of comparing a version with the champion: the champion now, and why."""
 
     champion: ModelVersion
     reason: str
@@ -47,7 +47,7 @@ def trained_before(
     settings name only if it was trained there. Where its training was killed before it was
     compared with the champion, it is now, and the outcome is returned.
     """
-    recipe, manifest = training.followed_recipe(arch, seed, settings), read_manifest(settings.data)
+    recipe, manifest = training.recipe_of(arch, seed, settings), read_manifest(settings.data)
     wanted = {
         **models.recipe_params(recipe),
         "arch": arch,
@@ -95,16 +95,16 @@ def train_model(
 
     ProlearnError where the loss diverges or the tracking store fails.
     """
-    asked = training.AskedTraining.of(arch, seed, settings)
+    asked = training.TrainingTask.of(arch, seed, settings)
     data = asked.examples(progress)
-    connect()  # a store that is away is better known before training than after
+    connect()  # so that a store that cannot be reached is known before the training
     finished = training.train_and_fly(asked, data, progress)
     version = _record(asked, finished)
     return version, challenge(version, finished.trials, settings.data)
 
 
 def train_models(
-    asked: Sequence[training.AskedTraining], workers: Workers, progress: Progress = SILENT
+    asked: Sequence[training.TrainingTask], workers: Workers, progress: Progress = SILENT
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order asked.
 
@@ -123,7 +123,7 @@ def train_models(
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _record(asked: training.AskedTraining, finished: training.FinishedTraining) -> ModelVersion:
+def _record(asked: training.TrainingTask, finished: training.FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
         recipe=asked.recipe,

@@ -29,7 +29,7 @@ MEMORY = (1e-9, 1e6)  # least and most that examples may take, GB
 COMPARED_ON = 500  # validation scenarios that versions are compared on
 
 
-def followed_recipe(arch: str, seed: int, settings: TrainingSettings | TuningSettings) -> Recipe:
+def recipe_of(arch: str, seed: int, settings: TrainingSettings | TuningSettings) -> Recipe:
     """The recipe with the fields that the settings change; InputError for any that is none."""
     check_range("seed", seed, 0, SEEDS - 1)
     given = {field.name: getattr(settings, field.name, None) for field in fields(Recipe)}
@@ -38,7 +38,7 @@ def followed_recipe(arch: str, seed: int, settings: TrainingSettings | TuningSet
 
 
 @dataclass(frozen=True)
-class AskedTraining:
+class TrainingTask:
     """A training as a task of this process or a worker; also a trial of a search."""
 
     arch: str
@@ -51,10 +51,10 @@ class AskedTraining:
     @classmethod
     def of(
         cls, arch: str, seed: int, settings: TrainingSettings | TuningSettings
-    ) -> "AskedTraining":
+    ) -> "TrainingTask":
         """The training on the data as they are now; InputError where there are none."""
         check_range("memory in GB", settings.memory, *MEMORY)
-        recipe = followed_recipe(arch, seed, settings)
+        recipe = recipe_of(arch, seed, settings)
         return cls(arch, recipe, seed, settings, read_manifest(settings.data).digest(settings.n))
 
     def examples(self, progress: Progress = SILENT) -> Sources:
@@ -77,7 +77,7 @@ class FinishedTraining:
 
 
 def train_in_worker(
-    made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining, _: None
+    made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask, _: None
 ) -> FinishedTraining:
     """Train in a worker; ProlearnError where its versions or data are not those of the request."""
     _check(made_by, expected, asked)
@@ -85,7 +85,7 @@ def train_in_worker(
 
 
 def train_trial(
-    made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining, data: Sources | None
+    made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask, data: Sources | None
 ) -> FinishedTraining | None:
     """Train a trial of a search in a worker, without flying it; None where the loss diverges."""
     _check(made_by, expected, asked)
@@ -98,7 +98,7 @@ def train_trial(
         return None
 
 
-def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining) -> None:
+def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask) -> None:
     """Raise ProlearnError in a worker whose versions or data are not those of the request."""
     check_worker(expected, made_by)
     data = asked.settings.data
@@ -110,7 +110,7 @@ def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: AskedTraining
 
 
 def train_and_fly(
-    asked: AskedTraining, data: Sources, progress: Progress = SILENT
+    asked: TrainingTask, data: Sources, progress: Progress = SILENT
 ) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
     finished = _trained(asked, data, progress)
@@ -118,7 +118,7 @@ def train_and_fly(
     return replace(finished, trials=validation_trials(model, how.data, how.n))
 
 
-def _trained(asked: AskedTraining, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
+def _trained(asked: TrainingTask, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
     learn, valid = data
     trained = train(
         *(asked.arch, asked.recipe, learn, valid),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mlflow.exceptions import MlflowException
 
-from cli.jobs.training import AskedTraining, FinishedTraining, Sources, train_trial
+from cli.jobs.training import FinishedTraining, Sources, TrainingTask, train_trial
 from cli.settings import TuningSettings
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.networks.architecture import find, unused_fields
@@ -40,7 +40,7 @@ class RecipeSearch:
     """A search: its settings, the training that trials vary, and where it is kept."""
 
     settings: TuningSettings
-    asked: AskedTraining
+    asked: TrainingTask
     store: Store
     path: Path  # Optuna's SQLite file
 
@@ -105,7 +105,7 @@ def tune(
             f"jobs is {workers.jobs} and trials are drawn one by one, each from all before it; "
             "expected several that are drawn together, such as --at-once 5, or one job."
         )
-    asked = AskedTraining.of(settings.arch, settings.seed, settings)
+    asked = TrainingTask.of(settings.arch, settings.seed, settings)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
     drawn = asked if alone else replace(asked, recipe=replace(asked.recipe, crowded=0))
@@ -179,7 +179,7 @@ def _search(
 
 
 def _record(
-    asked: AskedTraining, found: FinishedTraining | None, study: "Study", search: RecipeSearch
+    asked: TrainingTask, found: FinishedTraining | None, study: "Study", search: RecipeSearch
 ) -> None:
     """Record a trial as a nested MLflow run and in its study; one that diverged has failed."""
     store, tags, how = search.store, environment_tags(search.made_by), asked.settings

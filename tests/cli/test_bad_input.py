@@ -88,7 +88,7 @@ CASES = {
     ),
     "nothing to report": (["report"], "prolearn"),
     "no scenario file": (["plan", "none.json", "--out", "p.json"], "none.json"),
-    "a plan over its scenario": (["plan", "good.json", "--out", "good.json"], "written over"),
+    "a plan over its scenario": (["plan", "good.json", "--out", "good.json"], "overwritten"),
     "an unknown planner": (["plan", "good.json", "--out", "p.json", "--planner", "hal"], "hal"),
     "a duration without a unit": (["tradeoff", "good.json", "--duration", "10..60"], "10..60min"),
     "a duration that goes backwards": (["tradeoff", "good.json", "--duration", "9..3h"], "9..3h"),

@@ -9,7 +9,7 @@ import pytest
 from clusters import Cluster, kill
 
 from cli.jobs.train import train_model, train_models, trained_before
-from cli.jobs.training import AskedTraining
+from cli.jobs.training import TrainingTask
 from cli.jobs.tune import tune
 from cli.settings import TrainingSettings, TuningSettings
 from pipeline.errors import InputError, ProlearnError
@@ -59,7 +59,7 @@ def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
     how: TrainingSettings, cluster: Cluster, folder: Path
 ) -> None:
     alone = [weights(train_model(*one, how)[0]) for one in ASKED]
-    asked = [AskedTraining.of(*one, how) for one in ASKED]
+    asked = [TrainingTask.of(*one, how) for one in ASKED]
     cluster.start_workers()
     for workers in (Workers(jobs=2), Workers(scheduler=cluster.address)):
         found = train_models(asked, workers)
@@ -80,7 +80,7 @@ def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
 def test_a_worker_that_reads_other_data_is_refused(
     how: TrainingSettings,
 ) -> None:
-    asked = [replace(AskedTraining.of("ff1", k, how), digest="0" * 64) for k in (0, 1)]
+    asked = [replace(TrainingTask.of("ff1", k, how), digest="0" * 64) for k in (0, 1)]
     with pytest.raises(ProlearnError, match="other data on a worker"):
         train_models(asked, Workers(jobs=1))
 
