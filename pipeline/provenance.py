@@ -48,14 +48,14 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
     found = [path for part in parts for path in root.glob(part)]
     files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
     for path in sorted(files):
-        content = _meaning(path.read_bytes())
+        content = _normalized(path.read_bytes())
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
 
 
 @cache
-def _meaning(source: bytes) -> bytes:
-    """What a module does, of which several digests are made in a process."""
+def _normalized(source: bytes) -> bytes:
+    """The syntax tree of a module as text, cached since a process makes several digests of it."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):  # other people's packages have templates and compiled modules
@@ -63,10 +63,10 @@ def _meaning(source: bytes) -> bytes:
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
-    return "\n".join(_described(tree)).encode()
+    return "\n".join(_tree_lines(tree)).encode()
 
 
-def _described(tree: ast.Module) -> Iterator[str]:
+def _tree_lines(tree: ast.Module) -> Iterator[str]:
     """A syntax tree as lines of text, different for different trees: nodes and fields by level."""
     # Absent fields are left out, as later Pythons do.
     for node in ast.walk(tree):

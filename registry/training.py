@@ -80,7 +80,7 @@ def record_of(
             "seed": seed,
             "device": trained.device,
             "threads": trained.threads,
-            "mixed": ALL if trained.mixed is None else trained.mixed,
+            "mixed": ALL if trained.shuffle_buffer is None else trained.shuffle_buffer,
             "n_spacecraft": trained.model.n_train,
             "dataset": dataset.path,
             "dataset_digest": dataset.digest,

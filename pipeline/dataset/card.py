@@ -63,7 +63,7 @@ AGAIN = "data/again"  # folder in the commands that make a dataset once more
 # Columns that the card has numbers of
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
 PIECE = 2_000_000  # numbers in the states of a piece: 20 MB, which a worker reads in 0.1 s
-FEW = 40  # pieces that are read here before processes of this machine would be of help
+FEW = 40  # pieces below which processes of this machine take longer than reading here
 QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
 TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
 

@@ -14,7 +14,7 @@ class Examples:
     problem: Problem
     initial: Float[Array, "N n 6"]
     goal: Float[Array, "N n 6"]
-    # the expert's at the nodes; NaN where it has no plan, None where nobody needs them
+    # the expert's node states; NaN where it has no plan, None without any
     states: Float[Array, "N n T 6"] | None = None
     buffer = None
     part_count = 1
@@ -42,7 +42,7 @@ class ExampleStream:
     buffer: int  # examples that may be held at once, beside the part that is being read
     part_count: int  # parts in a pass
     read: Callable[[int], Examples]  # the part of a number
-    endless: bool = False  # whether there are parts beyond, one a pass, which nobody has seen
+    endless: bool = False  # whether there are parts beyond, a new one for each pass
 
     def __len__(self) -> int:
         return self.count

@@ -97,11 +97,11 @@ def _row_checks(
     yield "has another gap than its fuel", ~np.isclose(found, gap, rtol=0, atol=1e-9)
     yield "has other node collisions than its states", collisions != colliding
     claimed = solved["min_separation"].to_numpy(zero_copy_only=False).astype(float)
-    wrong, apart, least = _judged(states, controls, ends, problem, requirements)
+    wrong, separation, least = _judged(states, controls, ends, problem, requirements)
     beyond = bound > least * (1 + 1e-9) + none
     yield "has a lower bound above the fuel of its decoupled optima", beyond
     if n > 1:
-        other = ~(np.abs(apart - claimed) <= 2 * TOLERANCE)
+        other = ~(np.abs(separation - claimed) <= 2 * TOLERANCE)
         yield "has another least separation than its states", other
     for what, told in VIOLATIONS.items():
         where = " at a node" * (what == "separation" and requirements.at_nodes)
@@ -145,7 +145,7 @@ def _judged(
     """
     kept = requirements.separation
     wrong: list[dict[str, str]] = [{} for _ in states]
-    apart, least = np.full(len(states), np.nan), np.full(len(states), np.inf)
+    separation, least = np.full(len(states), np.nan), np.full(len(states), np.inf)
     finite = [np.isfinite(part).all(axis=(1, 2, 3)) for part in (states, controls, ends)]
     rows = np.flatnonzero(np.all(finite, axis=0))
     for some in np.array_split(rows, 1 + len(rows) // AT_ONCE) if len(rows) else ():
@@ -156,10 +156,10 @@ def _judged(
             plan = Plan(scenario, "", SOLVED, states[k], controls[k], certificate, separation=kept)
             wrong[k] = violations(plan)
             closest = certificate.min_separation
-            apart[k] = np.nan if closest is None else closest
+            separation[k] = np.nan if closest is None else closest
         initial, goal = np.concatenate(ends[some]).swapaxes(0, 1)
         optima = decoupled_optima(initial, goal, problem)
         feasible = optima.feasible.reshape(len(some), -1).all(axis=1)
         fuels = fuel(optima.controls.reshape(len(some), -1, *optima.controls.shape[1:]))
         least[some] = np.where(feasible, fuels, np.inf)
-    return wrong, apart, least
+    return wrong, separation, least

@@ -20,7 +20,7 @@ from pipeline.storage.shards import decode, has_metadata, read_content, verified
 LEARNED = ("initial", "goal", "states")  # columns that training reads
 SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
 MEMORY = 2e9  # bytes that training may take for its data by default
-COPIES = 8  # how often examples are in memory while they are read and encoded, at the worst
+COPIES = 8  # most copies of examples in memory while they are read and encoded
 
 
 def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard]) -> None:

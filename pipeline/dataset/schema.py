@@ -94,7 +94,7 @@ def metadata(
 def problem_of(table: pa.Table) -> Problem:
     """The problem that a shard's metadata describes; InputError where it describes none."""
     about = read_metadata(table)
-    absent = {"orbit", "thrust"} - about.keys()  # where these are the default they are not written
+    absent = {"orbit", "thrust"} - about.keys()  # not written where they have their default
     try:
         fields = {name: about[name] for name in Problem.__dataclass_fields__.keys() - absent}
         return validated(Problem, fields) and Problem.of(fields)

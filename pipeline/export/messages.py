@@ -74,7 +74,7 @@ def header(version: str, plan: Plan, craft: int) -> Iterator[str]:
     yield ORIGINATOR
 
 
-def described(plan: Plan, craft: int, name: str) -> Iterator[str]:
+def metadata(plan: Plan, craft: int, name: str) -> Iterator[str]:
     """The metadata of a craft: object, frame and time system."""
     label = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     whole = f"{label}-{craft_name(craft, plan.scenario.n)}"
@@ -107,7 +107,7 @@ def write_ephemerides(plan: Plan, folder: Path, name: str) -> list[Path]:
                 "META_START",
                 f"COMMENT Arc {arc + 1} of {len(microseconds)}. Constant thrust, m/s**2,",
                 f"COMMENT radial, along-track and cross-track: {thrust}",
-                *described(plan, craft, name),
+                *metadata(plan, craft, name),
                 f"START_TIME = {epochs[0]}",
                 f"STOP_TIME = {epochs[-1]}",
                 "INTERPOLATION = HERMITE",
@@ -175,7 +175,7 @@ def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None)
 
     def message(craft: int) -> Iterator[str]:
         yield from header("CCSDS_OPM_VERS = 3.0", plan, craft)
-        yield from described(plan, craft, name)
+        yield from metadata(plan, craft, name)
         yield f"EPOCH = {stamp(epoch)}"
         keys = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
         for key, value in zip(keys, (states[craft] / 1e3).tolist(), strict=True):
@@ -197,7 +197,7 @@ def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None)
 
 
 def _velocities(plan: Plan, burns: Burns) -> Float[Array, "burns 3"]:
-    """What burns add to inertial velocities, m/s: the integral of what turns with the frame."""
+    """What burns add to inertial velocities, m/s: integrals of accelerations in a turning frame."""
     problem = plan.scenario.problem
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     share = np.arange(problem.intervals)[:, None] + (1 + points) / 2

@@ -27,9 +27,9 @@ class Swarms:
     initial: Float64[Tensor, "b n 6"]  # m and m/s
     goal: Float64[Tensor, "b n 6"]  # m and m/s
     collision_radius: Float64[Tensor, "b"]  # of each swarm, m
-    # the expert's at the nodes; not numbers where it has not planned
+    # the expert's node states; NaN where it has no plan
     states: Float64[Tensor, "b n T 6"] | None = None
-    device: str | None = None  # on which a refiner plans them, as of ``TrainedRefiner``
+    device: str | None = None  # on which a refiner plans them, as in ``TrainedRefiner``
 
 
 def swarms(
@@ -124,7 +124,7 @@ def find(name: str) -> Architecture:
 
 
 def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
-    """``recipe_for`` with other fields; InputError also for one without effect."""
+    """The recipe of ``recipe_for`` with fields replaced; InputError for one without effect, too."""
     followed = recipe_for(arch, name)
     for field in sorted({*changes} & unused_fields(find(arch))):
         raise InputError(
@@ -135,10 +135,10 @@ def changed_recipe(arch: str, name: str, changes: Mapping[str, Any]) -> Recipe:
 
 
 def recipe_for(arch: str, name: str) -> Recipe:
-    """The recipe of a name, with the departures that an architecture declares.
+    """The recipe of a name, with the changes that an architecture declares.
 
-    What an architecture calls otherwise departs from the tuned recipe. InputError for an unknown
-    architecture or recipe, or departures that make none.
+    A recipe that only the architecture has is a change of the tuned one. InputError for an unknown
+    architecture or recipe, or changes of fields that a recipe does not have.
     """
     own = find(arch).recipes
     check_choice("recipe", name, {**RECIPES, **own})

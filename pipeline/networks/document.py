@@ -20,7 +20,7 @@ DOCUMENT_FILE = "model.json"
 COLUMNS_AT_ONCE = 50_000  # most columns n·T of a batch: a few hundred MB in the widest network
 
 COLUMNS_ON_DEVICE = 1_000_000
-"""As many of the refiner's on a GPU, which fewer do not keep busy; 4 GiB in dense swarms of ten."""
+"""The same of the refiner on a GPU, which fewer do not keep busy; 4 GiB in dense swarms of ten."""
 
 Answer = Literal["states", "controls"]
 
@@ -55,12 +55,12 @@ class TrainedNetwork(Protocol):
     def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ _"]:
         """States (b, n, T, 6), m and m/s, or controls (b, n, T-1, 3), m/s², for any n ≥ 1.
 
-        InputError where the two differ in shape or are not finite states of swarms.
+        InputError where both ends differ in shape or are not finite states of swarms.
         """
 
 
 def portions(initial: Array, goal: Array, nodes: int, device: str | None = None) -> Iterator[slice]:
-    """Batches that fit in memory, larger ones on a device, one even of no swarms.
+    """Slices of swarms into batches that fit in memory, larger on a ``device``; at least one.
 
     InputError for wrong shapes and for values that are not finite.
     """

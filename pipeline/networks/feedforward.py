@@ -46,8 +46,8 @@ class Layered(Supervised):
 class FeedForward(Layered):
     """Dense layers on the flattened 6·n·T matrix, each hidden one with ReLU and dropout.
 
-    Its input has a fixed size. A smaller swarm is padded with virtual craft at rest in the
-    origin; a larger one is answered with the average over combinations of its craft.
+    Its input has a fixed size. A smaller swarm is padded with virtual craft at rest at
+    the origin; a larger one is answered with the average over combinations of its craft.
     """
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:

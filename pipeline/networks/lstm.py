@@ -11,8 +11,8 @@ from pipeline.arrays import Float
 from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.feedforward import Layered, Layers
 
-STEPS: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
-"""Weights that all columns share see nT times as many examples: larger steps, fewer epochs do."""
+CHANGES: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
+"""Weights shared by all columns see nT times as many examples: fewer epochs of larger steps do."""
 
 
 class Columns(nn.Module):
@@ -38,9 +38,9 @@ class Columns(nn.Module):
 
 @dataclass(frozen=True)
 class Lstm(Layered):
-    """LSTM layers over the craft's trajectories, one after the other, so for any number of them."""
+    """LSTM layers over the trajectories of all craft in sequence, which may be any number."""
 
-    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {"paper": STEPS, "tuned": STEPS}
+    recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {"paper": CHANGES, "tuned": CHANGES}
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """LSTM layers and a linear layer back to six numbers a column."""

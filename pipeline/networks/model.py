@@ -45,7 +45,7 @@ class Model:
     recipe: str  # name of the recipe that it was trained by
     encoding: Encoding  # how states become its input and its answer becomes states
     network: nn.Module  # the module, for answers only
-    device: str | None = None  # of a refiner's answers, as of ``TrainedRefiner``
+    device: str | None = None  # on which a refiner plans, as in ``TrainedRefiner``
 
     def __post_init__(self) -> None:
         """Switch off what only training needs: dropout and gradients."""
@@ -89,11 +89,11 @@ class Model:
         return find(self.architecture).answers
 
     def predict(self, initial: Ends, goal: Ends) -> Float[Array, "b n T 6"]:
-        """Node states in m and m/s as the network answers, by the training's collision radius.
+        """Predicted node states, m and m/s, with the collision radius of the training data.
 
-        States that it answers obey no dynamics; controls are flown, and may miss the goal. Swarms
-        may have any n ≥ 1 craft, their states in m and m/s. InputError where the two differ in
-        shape or are not finite states of swarms.
+        Predicted states obey no dynamics; predicted controls are flown, and may miss the goal.
+        Swarms may have any n ≥ 1 craft, their states in m and m/s. InputError where both ends
+        differ in shape or are not finite states of swarms.
         """
         answer = self.answer(initial, goal, self.problem.collision_radius)
         return answer if self.answers == "states" else fly(initial, answer, self.problem)

@@ -270,7 +270,7 @@ def open_session(path: Path) -> Any:
         import onnxruntime
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # a swarm that it does not answer for is no event
+    options.log_severity_level = 4  # a size that the file does not serve is no event
     return onnxruntime.InferenceSession(
         path.read_bytes(), sess_options=options, providers=["CPUExecutionProvider"]
     )

@@ -101,7 +101,7 @@ class Cluster:
             yield self._result(future)
 
     def _room(self) -> int:
-        """A call for each thread of the workers, and another for when that is done."""
+        """The most calls under way: for each thread of the workers one running and one waiting."""
         if monotonic() - self._counted >= COUNT_SECONDS:
             self._check()
             with self._connected():

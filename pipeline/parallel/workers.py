@@ -34,9 +34,9 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes of this machine, -1 for one a core, or Dask's; a single task stays in this one."""
+    """Processes of this machine, or Dask's, that do tasks; a single task is done in this one."""
 
-    jobs: int = -1
+    jobs: int = -1  # processes of this machine; -1: one a core
     scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
     scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
     shared: bool = False  # whether they reach folders of shards, to read and write there themselves

@@ -218,7 +218,7 @@ class NewShard:
     name: str
     content: bytes | Written
     timings: bytes | None = None
-    derived: str = ""  # name of a shard that is made of this one
+    derived: str = ""  # name of the shard that is made from this one
     failed: int | None = None  # rows without result
 
 

@@ -24,7 +24,7 @@ _open = lru_cache(maxsize=8)(open_folder)  # a store is connected to once, not f
 
 @dataclass(frozen=True)
 class Shared:
-    """A folder for workers to open, with a file by which they know it from another of its name."""
+    """A folder for workers to open, with a file that tells it from another of the same name."""
 
     url: str = field(repr=False)  # path or URL, secrets included
     mark: str  # file that is there for as long as the work is wanted
@@ -91,5 +91,5 @@ def _done_there(
     _: None,
 ) -> Result:
     result = function(task, read(where.opened(), task))
-    # Opened again, since a folder that waits no longer is not written to.
+    # Opened again: without its mark, which goes with the client, a folder is not written to.
     return result if write is None else write(where.opened(), result)

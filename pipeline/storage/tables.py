@@ -23,7 +23,7 @@ def table_bytes(table: pd.DataFrame) -> bytes:
 
 
 def table_from(content: bytes) -> pd.DataFrame:
-    """The table in an untrusted Parquet file; InputError if damaged, too large or another."""
+    """The table in an untrusted Parquet file; InputError if damaged, too large or no table."""
     try:
         _check_size(content)
     except (OSError, pa.ArrowException) as error:

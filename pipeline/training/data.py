@@ -155,7 +155,7 @@ class Streamed:
 
     source: ExampleStream
     preparation: Preparation
-    passes: Iterator[int] = field(default_factory=count)  # of what is endless, those to come
+    passes: Iterator[int] = field(default_factory=count)  # of an endless source, those to come
 
     def __len__(self) -> int:
         return len(self.source)

@@ -33,7 +33,7 @@ class Epoch:
 
     number: int
     train_loss: float  # mean loss of the pass, with dropout, while the weights change
-    valid_loss: float  # the architecture's score on the validation data after it, least best
+    valid_loss: float  # the architecture's score on the validation data after it; lower is better
     seconds: float
 
 
@@ -47,7 +47,7 @@ class Trained:
     seconds: float
     device: str
     threads: int = 1
-    mixed: int | None = None  # instances that batches were drawn from at once; None: all, in memory
+    shuffle_buffer: int | None = None  # its size in instances; None: all in memory
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from optuna import Study, Trial
 
 HEARTBEAT_SECONDS = 60
-GRACE_SECONDS = 180  # a trial that has not been heard of for so long has died
+GRACE_SECONDS = 180  # a trial without a heartbeat for so long has died
 
 
 SPACE: Mapping[str, Callable[["Trial", str], Any]] = {
@@ -29,7 +29,7 @@ SPACE: Mapping[str, Callable[["Trial", str], Any]] = {
     "interior": lambda trial, name: trial.suggest_categorical(name, tuple(INTERIORS)),
 }
 """By field of a recipe. The collision weight is not in it: the distance from the expert's plans,
-which the search makes small, says nothing about collisions."""
+which the search minimizes, says nothing about collisions."""
 
 
 @contextmanager
@@ -82,9 +82,9 @@ def drawn_trials(
 ) -> Iterator[dict[int, dict[str, Any]]]:
     """New trials by number, as fields of a recipe from SPACE, less those without effect.
 
-    They are drawn from what is complete now, apart from each other: what they are depends neither
-    on the order in which they are done nor on who does them. After the block those without a result
-    have failed. The path is of the study's file.
+    They are drawn from the trials completed by now, not from each other's results: so they depend
+    neither on the order in which they are run nor on who runs them. After the block those without a
+    result are marked as failed. The path is of the study's file.
     """
     import optuna
 

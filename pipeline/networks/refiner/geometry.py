@@ -1,12 +1,12 @@
 """Closest approaches of craft and the planes that keep them apart, in units of r_col and Δt.
 
 Relative motion is linear and fuel is a norm, so a swarm twice as large with twice the collision
-radius has the same transfers at twice the fuel. In units of r_col and Δt nothing is left of that:
+radius has the same transfers at twice the fuel. In units of r_col and Δt this scale drops out:
 positions are in r_col, velocities in r_col/Δt, controls in r_col/Δt².
 
 Within an interval the relative position of two craft is, to some millimetres, the cubic that has
-the positions and velocities of both ends. So the plane that stands across the gap at the closest
-approach is linear in the states of the interval's two nodes, by the weights of Hermite.
+the positions and velocities of both ends. So the separation along the gap at the closest approach
+is linear in the states of the interval's two nodes, with Hermite weights.
 """
 
 import sys
@@ -25,7 +25,7 @@ from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
-# Distance within which decoupled optima must come for a pair to be looked at at all: in r_col, and
+# Distance within which decoupled optima must come for a pair to be considered: in r_col, and
 # as a share of the swarm's extent, since craft that fly far can be moved far at little cost
 NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
@@ -36,7 +36,7 @@ STRETCHES = 6  # parts of an interval, in which motion counts as straight at the
 NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
 
 # Ratio of the squared distances after and before a Newton step up to which the step is taken: a
-# smaller difference is rounding, by which the time would be known to a ten-millionth only
+# smaller increase is rounding, and refusing it would leave the time accurate to 1e-7 only
 EQUAL = 1 + 1e-12
 
 THIRD = 1.0 / 3.0
@@ -44,7 +44,7 @@ THIRD = 1.0 / 3.0
 # Cosine between gap and relative velocity under which a pair neither comes closer nor parts
 LEVEL = 1e-6
 
-AT_FIRST = 1024  # encounters for which there is room before it is doubled
+CAPACITY = 1024  # encounters that the array of them holds at first; doubled when full
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Grid:
     nodes: int  # T
     drift: Float[Any, "_ 6"]  # effect of the initial state on the states of all nodes
     reach: Float[Any, "_ m"]  # effect of the m = 3(T-1) controls on them
-    free: Float[Any, "m m"]  # takes from controls the part that changes the final state; symmetric
+    free: Float[Any, "m m"]  # projection on controls that do not change the final state
     ends: Float[Any, "intervals 12 m"]  # rows of ``reach`` for both ends of each interval
 
     def fly(self, initial: Float[Any, "N 6"], controls: Float[Any, "N m"]) -> Float[Any, "N T 6"]:
@@ -92,8 +92,8 @@ def per_step(problem: Problem) -> Float[Array, "6"]:
 class EncounterGeometry:
     """The closest approach of each encounter, without gradients."""
 
-    share: Float[Any, "E"]  # when, as a share of the interval; 0 where it was not looked at
-    distance: Float[Any, "E"]  # r_col; infinite where it was not looked at
+    share: Float[Any, "E"]  # when, as a share of the interval; 0 where not computed
+    distance: Float[Any, "E"]  # r_col; infinite where not computed
     turns: Bool[Any, "E"]  # whether the pair comes closer before and parts after it
 
 
@@ -267,9 +267,9 @@ def nearest(states, first, second, interval, within, moved, share, distance, tur
         if stays_beyond(one, other, t, within[k]):
             share[k], distance[k], turns[k] = 0.0, np.inf, False
         else:
-            fill(motion, one, other, t)
+            fill_cubic(motion, one, other, t)
             share[k], distance[k] = closest(motion)
-            turns[k] = 0.0 < share[k] < 1.0 or level(motion, share[k])
+            turns[k] = 0.0 < share[k] < 1.0 or is_stationary(motion, share[k])
 
 
 @no_type_check
@@ -280,7 +280,7 @@ def close_pairs(states, n, within):
     Node states are (N, T, 6), distances, one for each swarm, (N / n,). The result, (3, k), is first
     craft, second craft and interval.
     """
-    found, count = np.empty((3, AT_FIRST), np.int64), 0
+    found, count = np.empty((3, CAPACITY), np.int64), 0
     motion = np.empty((4, 3))
     for i in range(len(states)):
         swarm = i // n
@@ -288,7 +288,7 @@ def close_pairs(states, n, within):
             for t in range(states.shape[1] - 1):
                 if stays_beyond(states[i], states[j], t, within[swarm]):
                     continue
-                fill(motion, states[i], states[j], t)
+                fill_cubic(motion, states[i], states[j], t)
                 if not comes_within(motion, within[swarm]):
                     continue
                 if count == found.shape[1]:
@@ -335,7 +335,7 @@ def comes_within(motion, within):
 
 @no_type_check
 @njit(cache=True)
-def fill(motion, one, other, t):
+def fill_cubic(motion, one, other, t):
     """Relative motion in an interval as the coefficients of its cubic: p0, v0, a2, a3."""
     for x in range(3):
         here, there = one[t, x] - other[t, x], one[t + 1, x] - other[t + 1, x]
@@ -382,7 +382,7 @@ def closest(motion):
 
 @no_type_check
 @njit(cache=True)
-def level(motion, s):
+def is_stationary(motion, s):
     """Whether the distance of the cubic from 0 is stationary, up to rounding."""
     square, slope, _, speed = distance_at(motion, s)
     return slope * slope <= LEVEL * LEVEL * square * speed

@@ -42,11 +42,11 @@ centimetres in intervals of four minutes; planes ask for more, and certificates 
 TURNS_ONLY = 3  # rounds in which pairs get planes only where they turn, then wherever unsafe
 MARGIN = 0.2 / 15  # separation beyond r_col that is asked for, in r_col
 SHARPNESS = 4.0  # power of the other's dual by which a craft gives way
-LEAST_DUAL = 1e-4  # dual that stands for none, so that there is a ratio of duals
+LEAST_DUAL = 1e-4  # least dual that counts, so that duals have a ratio
 MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 
-STEADY = 1e-4  # share by which fuel must change in a round that leaves a swarm safe to go on
-FACING = np.array([1.0, -1.0])  # signs with which the two craft of an encounter meet its plane
+STEADY = 1e-4  # relative change of fuel in a round up to which a swarm that is safe is done
+FACING = np.array([1.0, -1.0])  # signs of a plane's normal for the two craft of an encounter
 FEATURES = 18  # F: edge features, as one of the two craft sees them
 FOLDER = Path(__file__).parent / "default"  # the packaged model: weights, description and card
 
@@ -66,7 +66,7 @@ def edge_features(
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
-    """Edge features of each encounter, as either craft sees them, in the round of a number.
+    """Edge features of each encounter, from the side of either craft, in round ``number``.
 
     ``dual`` is of the round before; ``load`` has the node features of either craft.
     """
@@ -144,11 +144,13 @@ def trade_of(offer: PerPlane, other: PerPlane) -> PerPlane:
     return MOST_TRADE * namespace(offer).tanh(offer - other)
 
 
-def way_to_give(distance: PerPlane, dual: PerSide, first_dual: PerSide, trade: PerPlane) -> PerSide:
-    """By how much either craft is to give way, r_col.
+def separation_shares(
+    distance: PerPlane, dual: PerSide, first_dual: PerSide, trade: PerPlane
+) -> PerSide:
+    """What either craft is to add to the distance of a pair, r_col.
 
-    Of way to be given, the craft with the lower dual gives more; of way to be got back, the one
-    with the higher dual gets more.
+    Of distance that is lacking, the craft with the lower dual adds more; of a surplus, the one with
+    the higher dual gets back more.
     """
     xp, needed = namespace(distance), 1 + MARGIN - distance
     most = xp.log(xp.clip(xp.maximum(dual, first_dual), LEAST_DUAL, None))
@@ -169,8 +171,8 @@ class ProblemData:
     n: int  # craft of each swarm
     initial: Float[Any, "N 6"]  # states
     own: programs.Decoupled  # decoupled optima
-    met: geometry.Encounters  # encounters that are looked at
-    swarm: Int[Any, "E"]  # whose each of these is
+    met: geometry.Encounters  # encounters that are considered
+    swarm: Int[Any, "E"]  # index of the swarm of each of these
 
     def fuel(self, controls: Controls) -> PerSwarm:
         """Σ‖u‖₁ of each swarm."""
@@ -182,10 +184,10 @@ class Iterate:
     """The state of the iteration after a round."""
 
     controls: Controls  # of all craft
-    states: Float[Any, "N T 6"]  # that they fly
+    states: Float[Any, "N T 6"]  # that these lead to
     near: geometry.EncounterGeometry  # closest approaches of the encounters
     dual: Float[Any, "E 2"]  # of each plane in the round before, for either craft
-    first_dual: Float[Any, "E 2"]  # what its first unit costs; 0 before there is one
+    first_dual: Float[Any, "E 2"]  # what its first unit costs; 0 before it has a plane
 
 
 def problem_data(
@@ -247,7 +249,7 @@ def run_round(
         features = edge_features(seen, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
         trade = trades(weights, like(features, gain), free, sides)  # (L,)
-    give = way_to_give(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
+    give = separation_shares(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
     theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
     asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
     best, paid = data.own.optima(sides, gain, asked)  # (C, m), (L, 2)
@@ -266,7 +268,7 @@ def run_round(
 def gets_plane(
     distance: Float[Any, "E"], turns: Bool[Any, "E"], number: int | Int[Any, ""]
 ) -> Bool[Any, "E"]:
-    """Whether pairs that have no plane yet get one in the round of a number."""
+    """Whether pairs that have no plane yet get one in round ``number``."""
     return (turns & (distance < PLANE_DISTANCE)) | ((distance < SAFE) & (number >= TURNS_ONLY))
 
 
@@ -302,7 +304,7 @@ def cheapest_safe(
     """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
-    safe and its fuel next to unchanged.
+    safe and its fuel almost unchanged.
     """
     now = start(data)
     best, least, xp = now.controls, safe_fuel(data, now), namespace(now.controls)
@@ -330,7 +332,7 @@ def safe_fuel(data: ProblemData, now: Iterate) -> PerSwarm:
 def shortfall(data: ProblemData, now: Iterate, distance: float) -> PerSwarm:
     """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
 
-    Elsewhere a pair that lacks something lacks more in the interval before or after.
+    A closest approach that is no local minimum has a nearer one in an adjacent interval.
     """
     which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
     distances, _ = geometry.normals(data.met[which].relative(now.states), now.near.share[which])

@@ -27,7 +27,7 @@ from pipeline.orbit.problem import Problem
 
 # Inputs and outputs of steps, and the steps.
 
-TOLD = "told_"  # prefix of what the other side of an encounter told, to its name on that side
+TOLD = "told_"  # prefix of values that the other side of an encounter told, before their name there
 
 NEW = "new_"  # begins the name of an output that takes the place of the input of the same name
 
@@ -69,17 +69,17 @@ VALUES: Mapping[str, Value] = {
         ("m",), "x y z of the first interval (m/s²), then of the next", unit=ACCELERATION
     ),
     "nodes": _states("P", 2, 6, at="both ends of the interval"),
-    "price": Value(("P",), "what the plane cost in the last round, m/s² a metre, times Δt²"),
-    "first_price": Value(("P",), "what its first metre costs, likewise; 0 before it is live"),
+    "price": Value(("P",), "dual of the plane in the last round, m/s² per metre, times Δt²"),
+    "first_price": Value(("P",), "dual of its first metre, likewise; 0 before it is live"),
     "distance": Value(("P",), "closest approach, m", unit=LENGTH),
     "live": Value(("P",), "whether the encounter gets a plane in this round", torch.bool),
     "standing": Value(
         ("P", 3),
         "number of live encounters, sum of their prices, fuel over the decoupled (r_col/Δt²)",
     ),
-    "offer": Value(("P",), "what the craft offers", FLOAT),
-    "said": Value(("P", "H"), "what it makes of both sides", FLOAT),
-    "heard": Value(("P", "2H"), "what its encounters say: by likeness of planes, and all", FLOAT),
+    "offer": Value(("P",), "the craft's offer, from which both compute the trade", FLOAT),
+    "said": Value(("P", "H"), "embedding of the edge features of both sides", FLOAT),
+    "heard": Value(("P", "2H"), "aggregated messages: cosine-weighted sum, sum", FLOAT),
 }
 """By name; what the other side told has the same shape, unless it is here itself."""
 
@@ -128,7 +128,7 @@ class Step(nn.Module):
         return tuple(found.values())
 
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
-        """The outputs of what a craft knows, by the names of ``VALUES``, in r_col and Δt."""
+        """The outputs, from the values that a craft has by name, in r_col and Δt."""
         raise NotImplementedError
 
     def own(self, craft: SimpleNamespace) -> Decoupled:
@@ -153,7 +153,7 @@ PRICES = ("price", "told_price", "first_price", "told_first_price")
 
 
 class Begin(Step):
-    """The decoupled optimum, and where it leads: who has its states can tell whom it meets."""
+    """The decoupled optimum and its states, by which other craft find their encounters."""
 
     takes, gives, tells = ENDS, ("controls", "states"), ("states",)
 
@@ -236,7 +236,7 @@ class Settle(Step):
         scene, now, t = self.scene(craft), craft.controls, craft.interval
         trade = model.trade_of(craft.offer, craft.told_offer)
         prices = _both(craft, "price"), _both(craft, "first_price")
-        give = model.way_to_give(scene.distance, *prices, trade)[:, 0]
+        give = model.separation_shares(scene.distance, *prices, trade)[:, 0]
         programs = scene.gain[None], (scene.gain @ now + give)[None], craft.live[None]
         best, paid = self.own(craft).solved(*programs)
         best = torch.where(craft.live.any(), best, now[None])

@@ -85,7 +85,7 @@ def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
 def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
     """Send values of these names along edges, from the other craft to each craft."""
     for name in names:
-        for craft in swarm:  # who is told nothing knows nothing, but in the right shape
+        for craft in swarm:  # zeros of the right shape until something is told
             if name in craft:
                 craft.setdefault(on_board.TOLD + name, np.zeros_like(craft[name]))
         for k, place, other, there in edges:
@@ -97,7 +97,7 @@ class Discrepancy:
     """Difference of one swarm's controls from those expected."""
 
     difference: float  # the largest, as a share of the largest control
-    tie: bool  # whether another optimum of the same fuel was met, before which this holds
+    tie: bool  # whether another optimum of equal fuel was met; rounds before it are compared
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def check(folder: Path, model: Model) -> ExportedCraft:
     """Fly random swarms by the files, all rounds, and compare all controls with the model's.
 
     InputError where onnxruntime is not installed. ProlearnError where a control differs by more
-    than TOLERANCE for no good reason, or little could be compared.
+    than TOLERANCE without a tie, or ties left too little to compare.
     """
     network, problem = model.network, model.problem
     assert isinstance(network, MessagePassing), "a refiner's"

@@ -1,14 +1,14 @@
 """Each craft's own program: least fuel to its goal, on its side of some separating planes.
 
-That of ``model`` is solved by a dual simplex method on the tableau, from the decoupled optimum, the
-one without planes, whose basis a table knows. A program has 6 + p basic and m - 6 other variables,
-m controls and p planes, all of whose costs have a kink at 0:
+The program of ``model`` is solved by a dual simplex method on the tableau, from the decoupled
+optimum (no planes), whose basis comes from a table. A program has 6 + p basic and m - 6 nonbasic
+variables, m controls and p planes, all of whose costs have a kink at 0:
 
     x_B = value - body · x_N,    x_N = 0.
 
-Of each basic variable, side says on which side of 0 its cost is taken to be; of each other one,
-cost is its dual, between the slopes on either side. That is kept true; a basic variable that is
-on the wrong side leaves, until there is none.
+``side`` is the side of 0 on which the cost of each basic variable is taken; ``cost`` is the dual of
+each nonbasic one, between the slopes at its kink. Pivots keep these bounds; a basic variable on the
+wrong side leaves, until there is none.
 """
 
 from dataclasses import dataclass
@@ -27,17 +27,17 @@ from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.problem import Problem
 
-LARGEST_DUAL = 50.0  # Λ: fuel at which a plane is given up, r_col/Δt² a r_col; few cost over 2
+LARGEST_DUAL = 50.0  # Λ: dual at which a plane is given up, r_col/Δt² per r_col; few exceed 2
 
 SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
-NO_PIVOT = 1e-11  # entries of a tableau under which nothing is divided by them
+NO_PIVOT = 1e-11  # entries of a tableau smaller than this are no pivots
 
 TIE = 1e-6
 """Difference of duals that counts as none: where several optima cost the same, the earliest control
 enters, or rounding and the order of planes would choose between them."""
 
-STEEP = 0.1  # share of the largest entry among these that an entry must have to be divided by
-MOST_PIVOTS = 500  # pivots after planes were added after which a program is left as it is
+STEEP = 0.1  # size of a pivot, at least, as a share of the largest entry among ties
+MOST_PIVOTS = 500  # most pivots after planes are added; the program is then left as it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,15 +289,15 @@ def exchange(rows, leaving, entering, body, value, basic, other):
 @no_type_check
 @njit(cache=True)
 def read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change):
-    """Read duals off the tableau, and what controls change with what is asked."""
+    """Read duals off the tableau, and the derivatives of controls by what planes ask for."""
     for i in range(rows):
-        if basic[i] >= m and side[i] < 0:  # what is missing
+        if basic[i] >= m and side[i] < 0:  # the plane is violated
             plane = mine[basic[i] - m]
             dual[plane >> 1, plane & 1] = largest
     for k in range(m - 6):
         if other[k] >= m:
             plane, second = mine[other[k] - m] >> 1, mine[other[k] - m] & 1
-            dual[plane, second] = min(max(-cost[k], 0.0), largest)  # ties may take it slack
+            dual[plane, second] = min(max(-cost[k], 0.0), largest)  # ties may take it beyond
             if len(change):
                 for i in range(rows):
                     if basic[i] < m:

@@ -22,12 +22,12 @@ from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner import model
 from pipeline.orbit.separation import drift_separations
 
-UNSAFE = 0.1  # what an unsafe swarm counts as in the score, as fuel over the lower bound
+UNSAFE = 0.1  # added to an unsafe swarm's score, the log of fuel over the lower bound
 CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
 
-RAISED = 2.5  # most by which they are raised; what is more crowded hardly anybody can plan
+RAISED = 2.5  # largest factor by which they are raised; denser swarms can hardly be planned
 NO_FUEL = 1e-9  # fuel in r_col/Δt² that counts as none
-AT_ONCE = 500  # formations whose free drift is looked at together
+AT_ONCE = 500  # formations whose free drift is computed at once
 
 
 class Sizes(BaseModel):
@@ -41,13 +41,13 @@ class Sizes(BaseModel):
 
 
 class LossSettings(BaseModel):
-    """The options of a refiner's recipe; what is lacking counts as fuel over the lower bound."""
+    """The options of a refiner's recipe; missing separation counts as fuel over the bound."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     rounds: int = Field(default=8, ge=1)  # in training
-    violation: float = 2.5  # what a r_col that an encounter lacks counts as
-    # distance beyond r_col up to which it lacks something; nobody is seen beyond ``PLANE_DISTANCE``
+    violation: float = 2.5  # weight of missing separation, fuel over the lower bound a r_col
+    # distance beyond r_col up to which it lacks something; none is seen beyond ``PLANE_DISTANCE``
     clear: float = Field(default=0.008, ge=0, le=model.PLANE_DISTANCE - 1)
     earlier: float = 0.5  # weight of a round, as a share of that of the next
 
@@ -92,7 +92,7 @@ class Refiner:
         {"dropout", "interior", "target", "scaling", "collision_weight"}
     )
 
-    # One that learns from fuel and separation, without plans
+    # The recipe that learns from fuel and separation, without plans
     recipes: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "tuned": {
             "learning_rate": 2e-3,
@@ -116,8 +116,8 @@ class Refiner:
         """Ends, m and m/s, collision radii, m, and those to which they may be raised."""
         radius = swarms.collision_radius
         ends = torch.split(torch.cat([swarms.initial, swarms.goal]), AT_ONCE)
-        apart = [drift_separations(some.numpy(), swarms.problem) for some in ends]
-        closest = torch.from_numpy(np.concatenate(apart)).reshape(2, -1).amin(dim=0)
+        separations = [drift_separations(some.numpy(), swarms.problem) for some in ends]
+        closest = torch.from_numpy(np.concatenate(separations)).reshape(2, -1).amin(dim=0)
         most = (closest / CROWDED).clamp(min=radius, max=RAISED * radius)
         return {"initial": swarms.initial, "goal": swarms.goal, "radius": radius, "most": most}
 
@@ -133,11 +133,11 @@ class Refiner:
         for number in range(settings.rounds):
             now = model.run_round(weights, data, now, number)
             missing = settings.violation * model.shortfall(data, now, 1 + settings.clear)
-            # By its logarithm, or the hardest swarms would be all that is learned from.
+            # The logarithm keeps the hardest swarms from dominating the loss.
             terms.append(torch.log(_ratio(data, now.controls) + missing).mean())
         weight = torch.tensor([settings.earlier**k for k in reversed(range(len(terms)))])
         mean = (torch.stack(terms) * weight.to(terms[0])).sum() / weight.sum()
-        return mean + 0.0 * network.offer.weight.sum()  # a gradient also where nobody meets
+        return mean + 0.0 * network.offer.weight.sum()  # a gradient also without encounters
 
     @torch.no_grad()
     def score(

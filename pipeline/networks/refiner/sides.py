@@ -35,7 +35,7 @@ class Sides:
     def aggregate(self, messages: Float[Any, "L 2 H"], free: Gains) -> Float[Any, "L 2 _"]:
         """Message aggregation: a cosine-weighted sum and a sum over the encounters of each craft.
 
-        The cosine is that between the planes, which the second craft of two meets from behind.
+        The cosine is that between the planes' normals, which the second craft sees reversed.
         """
         vectors = plain(free)
 

@@ -1,6 +1,6 @@
 """The refiner's rounds in batched torch operations, for a GPU and for the graphs of one craft.
 
-What ``Encounters``, ``Sides`` and ``Decoupled`` compute by loops over craft and pairs, their kinds
+What ``Encounters``, ``Sides`` and ``Decoupled`` compute by loops over craft and pairs, subclasses
 here compute for all at once, on the device where their arrays are: the closest approach of cubics,
 sums over the planes of a craft, the table of ``orbit.decoupled``, and the pivots of ``programs``.
 None of it has gradients. For few craft that is slower than the compiled code by far.
@@ -25,7 +25,7 @@ from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
 
-PAIRS_AT_ONCE = 2_000_000  # pairs and intervals that are looked at together
+PAIRS_AT_ONCE = 2_000_000  # pairs and intervals that are computed at once
 PIVOTS_AT_ONCE = 4  # of all craft, before those that are done are put aside
 
 
@@ -200,7 +200,7 @@ class Decoupled(programs.Decoupled):
 
     def _reduced(self, row: Float[Tensor, "C p m"]) -> Float[Tensor, "C p o"]:
         """Rows in terms of the nonbasic controls, negated as in a tableau."""
-        basic, other = (_along(row, one) for one in (self.basis, self.others))
+        basic, other = (_gather(row, one) for one in (self.basis, self.others))
         return basic @ self.tableau - other
 
     def solved(
@@ -250,7 +250,7 @@ def decoupled_optima(
     basic = torch.zeros_like(miss, dtype=torch.long)
     for facets in table:
         component = tensor(facets.component, device)
-        facet, weights = _met(facets, miss[:, component])
+        facet, weights = _facet_met(facets, miss[:, component])
         its_side = tensor(facets.sign, device)[facet]
         part = miss.new_zeros(C, len(component), 6).index_copy(2, component, weights)
         inverse = inverse.index_copy(1, component, its_side[..., None] * part)
@@ -266,7 +266,7 @@ def decoupled_optima(
     return Decoupled(controls, basic, other, side, tableau, (side[:, None] @ tableau)[:, 0])
 
 
-def _met(
+def _facet_met(
     facets: Facets, part: Float[Tensor, "C d"]
 ) -> tuple[Int[Tensor, "C"], Float[Tensor, "C d d"]]:
     """Index and weights of the facet of the hull that each craft's change of state meets."""
@@ -300,7 +300,7 @@ class Tableau(NamedTuple):
     pivots: Int[Tensor, "1"]  # how many so far
 
 
-def _along(values: Tensor, index: Int[Tensor, "C k"]) -> Tensor:
+def _gather(values: Tensor, index: Int[Tensor, "C k"]) -> Tensor:
     """The entries of each program's rows in some columns."""
     return values.gather(2, index[:, None].expand(-1, values.shape[1], -1))
 
@@ -308,28 +308,28 @@ def _along(values: Tensor, index: Int[Tensor, "C k"]) -> Tensor:
 def _repeat(pivot: Callable[..., Tableau], now: Tableau) -> Tableau:
     """Pivots as long as any program goes on; where it is traced, as one loop of the graph."""
     if torch.compiler.is_exporting():
-        loop = torch.while_loop(_any_goes_on, lambda *parts: tuple(pivot(*parts)), tuple(now))  # type: ignore[no-untyped-call]
+        loop = torch.while_loop(_any_infeasible, lambda *parts: tuple(pivot(*parts)), tuple(now))  # type: ignore[no-untyped-call]
         return Tableau(*loop)
     each, pivots = now[:-1], now.pivots
-    going = _goes_on(now).nonzero()[:, 0]
+    going = _infeasible(now).nonzero()[:, 0]
     while len(going) and pivots < programs.MOST_PIVOTS:
         some = Tableau(*[*(values[going] for values in each), pivots])
         for _ in range(PIVOTS_AT_ONCE):
             some = pivot(*some)
         for values, changed in zip(each, some, strict=False):
             values[going] = changed
-        going, pivots = going[_goes_on(some)], some.pivots
+        going, pivots = going[_infeasible(some)], some.pivots
     return Tableau(*each, pivots)
 
 
-def _goes_on(now: Tableau) -> Bool[Tensor, "C"]:
+def _infeasible(now: Tableau) -> Bool[Tensor, "C"]:
     """Whether each program has a basic variable on the wrong side of its kink."""
     return (-now.value * now.side).amax(dim=1) > programs.SMALL
 
 
-def _any_goes_on(*parts: Tensor) -> Tensor:
+def _any_infeasible(*parts: Tensor) -> Tensor:
     now = Tableau(*parts)
-    return _goes_on(now).any() & (now.pivots[0] < programs.MOST_PIVOTS)
+    return _infeasible(now).any() & (now.pivots[0] < programs.MOST_PIVOTS)
 
 
 def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
@@ -342,7 +342,7 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
     wrong = off > programs.SMALL
     there = there | (wrong & ~(wrong & there).any(dim=1, keepdim=True))
     worst, leaving = off.masked_fill(~there, -torch.inf).max(dim=1, keepdim=True)  # (C, 1)
-    goes_on = worst > programs.SMALL
+    infeasible = worst > programs.SMALL
     row = body.gather(1, leaving[..., None].expand(-1, -1, body.shape[2]))[:, 0]  # (C, o)
     gone, its_side = basic.gather(1, leaving), side.gather(1, leaving)
     slope, size = its_side * row, row.abs()
@@ -355,19 +355,19 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
     come, entering = other.masked_fill(~tied, len(low)).min(dim=1, keepdim=True)
     here, span = ratio.gather(1, entering), high[gone] - low[gone]
     over, step = span <= here, torch.minimum(span, here)
-    exchanged = goes_on & ~over
-    cost = torch.where(goes_on, cost - step * slope, cost)
+    exchanged = infeasible & ~over
+    cost = torch.where(infeasible, cost - step * slope, cost)
     pivot = row.gather(1, entering).masked_fill(~exchanged, 1.0)
     out = torch.where(over, -its_side, -torch.sign(its_side * pivot))
     kept = torch.where(its_side > 0, high[gone] - step, low[gone] + step)
     # An exchange is a change of the tableau by one product, once 1 is taken and added at the pivot.
-    share = _along(body, entering)[..., 0].scatter_add(1, leaving, -torch.ones_like(pivot)) / pivot
+    share = _gather(body, entering)[..., 0].scatter_add(1, leaving, -torch.ones_like(pivot)) / pivot
     share = share * exchanged
     line = row.scatter_add(1, entering, torch.ones_like(pivot))
     return Tableau(
         body - share[..., None] * line[:, None],
         value - share * value.gather(1, leaving),
-        side.scatter(1, leaving, torch.where(goes_on, out, its_side)),
+        side.scatter(1, leaving, torch.where(infeasible, out, its_side)),
         basic.scatter(1, leaving, torch.where(exchanged, come, gone)),
         other.scatter(1, entering, torch.where(exchanged, gone, other.gather(1, entering))),
         cost.scatter(1, entering, torch.where(exchanged, kept, cost.gather(1, entering))),

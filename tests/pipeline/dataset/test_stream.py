@@ -158,7 +158,7 @@ def test_networks_learn_as_well_from_a_stream_as_from_memory(folder):
         (streamed(folder), streamed(folder, "valid", 5), streamed(folder).buffer),
     ):
         trained = train("ff1", recipe, train_on, valid, device="cpu")
-        assert trained.mixed == mixed
+        assert trained.shuffle_buffer == mixed
         losses.append([epoch.valid_loss for epoch in trained.history])
     whole, stream = losses
     assert stream[-1] < 0.95 * stream[0]

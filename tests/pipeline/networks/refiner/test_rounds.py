@@ -11,9 +11,9 @@ from pipeline.networks.refiner.model import (
     PLANE_DISTANCE,
     TURNS_ONLY,
     gets_plane,
+    separation_shares,
     trade_of,
     trades,
-    way_to_give,
 )
 from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.networks.refiner.sides import Sides
@@ -21,7 +21,7 @@ from pipeline.networks.refiner.sides import Sides
 
 def given(distance, dual, first_dual, trade=0.0):
     """What both craft are to give way, and what is needed of them together."""
-    one = way_to_give(*(np.array([x]) for x in (distance, dual, first_dual, trade)))
+    one = separation_shares(*(np.array([x]) for x in (distance, dual, first_dual, trade)))
     return one[0].tolist(), 1 + MARGIN - distance
 
 
