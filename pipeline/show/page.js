@@ -102,7 +102,7 @@ function spaceTraces() {
       hoverinfo: "skip", showlegend: false, visible: shown.numbers,
     },
     lines(data.orbits.initial, { color: colour("initial"), width: 2 }, shown.initial),
-    lines(data.orbits.goal, { color: colour("goal"), width: 2 }, shown.goal),
+    lines(data.orbits.goal, { color: colour("goal"), width: 2, dash: "dash" }, shown.goal),
     lines(data.positions, { color: colour("faint"), width: 1.5 }, shown.paths),
     lines(data.corridors, { color: colour("pair3"), width: 2 }, shown.paths),
     lines(data.obstacles.map(({ track }) => track), { color: colour("limit"), width: 2 }, shown.paths),
@@ -172,15 +172,18 @@ function separationLayout() {
   const top = Math.max(4 * most, 2 * Math.max(...shown)), bound = data.bound ?? 0;
   const named = most === data.collisionRadius ? "r_col" : "both radii";
   const level = (y, look) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: look });
-  const high = top / 12; // of a label, more or less
-  const label = (y, text, x, other) => ({
-    xref: "paper", x, xanchor: x ? "right" : "left", text, showarrow: false,
-    // Above its line, or below that of two which is the lower, where there is room; else above both.
-    ...(y > other || y < high
-      ? { y: other - y < high ? Math.max(y, other) : y, yanchor: "bottom", yshift: 2 }
-      : { y, yanchor: "top", yshift: -2 }),
-    bgcolor: colour("page"), opacity: 0.85,
-  });
+  const high = top / (narrow.matches ? 13 : 16); // of a label, more or less
+  const label = (y, text, x, other) => {
+    const low = Math.min(y, other), gap = Math.abs(y - other);
+    const under = low >= high || (y > other && gap >= high);
+    // Below its line, over which curves pass, or below both, where there is room; else above.
+    return {
+      xref: "paper", x, xanchor: x ? "right" : "left", text, showarrow: false,
+      y: gap < high ? (under ? low : Math.max(y, other)) : y,
+      yanchor: under ? "top" : "bottom", yshift: under ? -2 : 2,
+      bgcolor: colour("page"), opacity: 0.85,
+    };
+  };
   return layout({
     margin: { l: 50, r: 12, t: 30, b: 45 }, dragmode: narrow.matches ? false : "zoom",
     xaxis: timeAxis(), yaxis: flat("separation, m", { range: [0, top], zeroline: false }),
@@ -331,6 +334,11 @@ function listen() {
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   narrow.addEventListener("change", draw);
+  for (const event of ["beforeprint", "afterprint"])
+    addEventListener(event, () => {
+      document.documentElement.toggleAttribute("data-print", event === "beforeprint");
+      draw();
+    });
 }
 
 async function begin() {

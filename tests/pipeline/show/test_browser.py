@@ -203,6 +203,11 @@ def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, ope
     shapes = browser.execute_script("return document.getElementById('separation').layout.shapes")
     assert shapes[0]["x0"] == when
     assert [shape["y0"] for shape in shapes[1:]] == [15.0, found.min_separation_bound]
+    words = browser.execute_script(
+        "return document.getElementById('separation').layout.annotations"
+    )
+    under = [(15.0, "top"), (found.min_separation_bound, "top")]
+    assert [(one["y"], one["yanchor"]) for one in words] == under, "curves pass above"
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -219,6 +224,22 @@ def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
     )
     assert wide == 390
     assert (ink, page) == ("#e8e8e8", "rgb(20, 23, 26)")
+    looks = """
+        const colours = [], look = () => colours.push(
+            document.getElementById("controls").layout.font.color,
+            getComputedStyle(document.body).backgroundColor);
+        dispatchEvent(new Event("beforeprint")); look();
+        dispatchEvent(new Event("afterprint")); look();
+        return colours;
+    """
+    light = ["#1a1a1a", "rgb(255, 255, 255)"]
+    assert browser.execute_script(looks) == [*light, ink, page], "printed light"
+    dashes = browser.execute_script(
+        "return ['initial', 'goal'].map((end) => getComputedStyle("
+        "document.querySelector(`label.${end}`), '::after').borderTopStyle)"
+    )
+    assert dashes == ["solid", "dashed"]
+    assert by(browser, "label.goal").text == "orbits at the goal, dashed"
 
 
 def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, opened):
