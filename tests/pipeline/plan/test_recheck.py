@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import SOLVED, Made, Requirements, RiskLimit, planned, recheck
+from pipeline.plan import SOLVED, Draft, Requirements, RiskLimit, certified_plan, recheck
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show.tables import certificate_rows, verdict
@@ -27,7 +27,8 @@ def plan():
 def unsafe():
     """Each craft's own optimum: some pass each other too close."""
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    made = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    draft = Draft(own.controls, float(own.lower_bound.sum()))
+    made = certified_plan("decoupled optimum", SCENARIO, draft)
     assert made.status == "unsafe"
     return made
 
@@ -136,8 +137,8 @@ def test_a_risk_is_found_anew_and_a_false_one_named(plan):
 
 def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
     """The plan was made without asking for it, and its craft drift too close."""
-    made = Made(plan.controls, plan.certificate.fuel_lower_bound)
-    asked = planned("expert", SCENARIO, made, Requirements(passive_safety=1.0))
+    made = Draft(plan.controls, plan.certificate.fuel_lower_bound)
+    asked = certified_plan("expert", SCENARIO, made, Requirements(passive_safety=1.0))
     assert asked.status == "unsafe"
     claim = replace(
         asked.certificate.passive_safety, min_separation=16.0, min_separation_bound=15.9
