@@ -1,4 +1,4 @@
-"""JSON documents: read by pydantic, every mistake answered in a sentence, and written whole."""
+"""JSON documents: validated by pydantic, with a message for each fault, and written whole."""
 
 import hashlib
 import json
@@ -19,14 +19,14 @@ from pipeline.files import read_bytes, write_text
 Document = TypeVar("Document", bound=BaseModel)
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"  # that pydantic writes
-MOST_FAULTS = 8  # faults of a file that are shown in full; of others, how many
+MOST_FAULTS = 8  # faults of a file that are shown in full; the others are counted
 MOST_BYTES = 2**28  # of a JSON file that is read; a plan of a thousand craft takes some MB
 _LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no float is near to
 CHECKSUM = "checksum"  # field with the checksum of all others, in documents that have one
 
 
 def parsed(content: bytes) -> Any:
-    """The value of a JSON text; ValueError for none, too large, too deep or beyond all floats."""
+    """The value of a JSON text; ValueError if invalid, too large or deep, or with huge integers."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
     if found := _LONG.search(content):

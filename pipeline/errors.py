@@ -1,4 +1,4 @@
-"""Errors for the person who can act on them: what was given, what is expected, what to do."""
+"""Errors whose messages say what was given, what is expected and what to do."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -57,7 +57,7 @@ def check_vector(name: str, given: Sequence[float], size: int = 3) -> None:
 
 
 def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
-    """Refuse what is none of some words with an InputError that names what it is of."""
+    """Refuse a value that is none of the choices by an InputError that names the quantity."""
     known = list(choices)
     if not isinstance(value, str) or value not in known:
         raise InputError(f"{name} is {value!r}; expected {' or '.join(known)}.")
@@ -82,7 +82,7 @@ def _short(value: float | int) -> str:
     return text if len(text) < 20 else f"{text[:8]}... ({len(text)} digits)"
 
 
-# Names to import by, of each extra; ``learn`` has those of ``refiner`` as well
+# Import names of the packages of each extra; ``learn`` has those of ``refiner`` as well
 EXTRAS = {
     "refiner": ("numba", "safetensors"),
     "onnx": ("onnx", "onnxruntime", "onnxscript"),

@@ -1,4 +1,4 @@
-"""Progress of long work, for whoever watches it."""
+"""Reports of the progress of long work."""
 
 
 class Progress:

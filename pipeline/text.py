@@ -1,4 +1,4 @@
-"""Text from elsewhere as it may be shown: invisible characters as escapes, URLs without secrets."""
+"""Safe display of foreign text: invisible characters as escapes, URLs without secrets."""
 
 import re
 from collections.abc import Callable

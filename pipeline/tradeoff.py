@@ -21,14 +21,14 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
-# The states given, whenever they are reached, or slots that go on along their passive orbits and
-# are at the states given after the scenario's own duration
+# fixed: the goal states for every duration; moving: states on the passive orbits that reach these
+# after the scenario's own duration
 Goal = Literal["fixed", "moving"]
 
 FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six components
 ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them
 BENT = 0.1  # least distance of a knee below the chord of the normalised curve
-LESS = 0.5  # most that a unit of time saves after a knee, of what one saves before it
+LESS = 0.5  # largest ratio of the fuel saved per time after a knee to that before it
 FOOT = 0.03  # height, as a share of the axes, at which durations without a safe plan are marked
 
 

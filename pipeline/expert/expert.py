@@ -20,12 +20,12 @@ from pipeline.plan import (
     INFEASIBLE,
     SOLVED,
     UNSOLVED,
-    Made,
+    Draft,
     Plan,
     Requirements,
     Risk,
     RiskLimit,
-    planned,
+    certified_plan,
     refuse_risk,
 )
 from pipeline.scenario import Scenario
@@ -182,8 +182,8 @@ def _within_limit(made: Plan, plan: Plan, requirements: Requirements) -> Plan:
     if made.status != SOLVED:
         return replace(made, scenario=plan.scenario, status=UNSOLVED)
     bound = plan.certificate.fuel_lower_bound, plan.certificate.fuel_lower_bound_proof
-    found = Made(made.controls, *bound, made.convex_solves, made.timing)
-    return planned(made.planner, plan.scenario, found, requirements)
+    found = Draft(made.controls, *bound, made.convex_solves, made.timing)
+    return certified_plan(made.planner, plan.scenario, found, requirements)
 
 
 def _tail(probability: float) -> float:

@@ -24,11 +24,11 @@ from pipeline.plan import (
     SOLVED,
     UNSAFE,
     UNSOLVED,
-    Made,
+    Draft,
     Plan,
     Requirements,
+    certified_plans,
     gap_of,
-    planned_all,
 )
 from pipeline.scenario import Scenario
 
@@ -64,13 +64,13 @@ def nominal_plans(
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
     made = [
-        Made(
+        Draft(
             *(result.controls, *batch.bound(k), result.convex_solves, timing),
             least_share=batch.least_share(batch.craft[k]),
         )
         for k, result in enumerate(results)
     ]
-    plans = planned_all("expert", scenarios, made, requirements)
+    plans = certified_plans("expert", scenarios, made, requirements)
     return [_explained(*both) for both in zip(plans, results, strict=True)]
 
 

@@ -22,7 +22,7 @@ from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, fuel, meet_goal, step_maps
-from pipeline.plan import SOLVED, UNSOLVED, Made, Plan, Requirements, planned
+from pipeline.plan import SOLVED, UNSOLVED, Draft, Plan, Requirements, certified_plan
 from pipeline.scenario import Scenario
 
 NAME = "plain SCP"
@@ -98,8 +98,8 @@ class PlainScp:
             if used <= (1 + GAP) * bound or gained <= IMPROVEMENT * used:
                 break
         timing = {"plan": perf_counter() - started}
-        made = Made(best, bound, proof, solves, timing)
-        plan = planned(NAME, scenario, made, Requirements("nodes"))
+        made = Draft(best, bound, proof, solves, timing)
+        plan = certified_plan(NAME, scenario, made, Requirements("nodes"))
         if np.isfinite(least) and plan.status == SOLVED:
             return plan
         given_up = f"no plan clear at the nodes after {solves} convex solves"

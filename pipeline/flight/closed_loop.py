@@ -1,21 +1,20 @@
 """Receding-horizon guidance: at each node craft are replanned from their estimated states.
 
-The goal stays. What is flown is the cheapest of two plans that are safe from the estimate, the
-planner's new one and the one under way, corrected for the goal: so an undisturbed swarm pays no
-more than its plan. Where neither is safe, passive safety is given up first; then the planner is
-asked for less and less separation, and of all known plans the one is flown that keeps craft
-furthest apart.
+The goal does not change. Of two plans from the estimate, the planner's new one and the current one
+corrected for the goal, the cheaper safe one is flown: so without errors a swarm burns no more than
+its plan. Where neither is safe, passive safety is given up first; then the planner is asked for
+less and less separation, and the plan that keeps craft furthest apart is flown.
 
 Two intervals before the end the goal determines all controls: six for six components of a state.
-In the last one three are left, and the goal can only be met in part: the control is flown that
-leaves the least ‖Δp‖² + ‖Δv/e‖², which is about the size of the orbit that the error becomes.
+In the last one three are left, and the goal can only be met in part: the control minimizes
+‖Δp‖² + ‖Δv/e‖², which is about the size of the relative orbit that results from the error.
 
-Where the sizes of errors are known, estimates are filtered first, and in the last interval pairs
-are kept apart. With a margin, plans keep so many standard deviations of each pair's separation, or
-as much of that as they can; where burns may be missed, also r_col from whoever misses one, until
-that can be made up for.
+Where the standard deviations of errors are known, estimates are filtered first, and in the last
+interval pairs are kept apart. With a margin, plans keep a number of standard deviations of each
+pair's separation, or as much of it as possible; where burns may be missed, also r_col from a craft
+that misses one, until that can be corrected.
 
-A craft that has lost its thrust is an obstacle to the others, which drifts on from its estimate.
+A craft that has lost its thrust is an obstacle to the others; it drifts from its estimated state.
 """
 
 from collections.abc import Sequence
@@ -45,24 +44,24 @@ from pipeline.scenario import Scenario
 DETERMINED = 2  # intervals left in which the goal determines all controls; no planner is asked
 # Share of r_col to which separations asked for are rounded down, so that many trials share one
 GRAIN = 1 / 60
-# Intervals from the start of a burn that is missed until it can be made up for: it is known after
-# one, and in the first moments of the next no thruster moves a craft far
+# Intervals from the start of a missed burn until it can be corrected: it is known after one, and
+# at the beginning of the next no thruster moves a craft far
 REACTION = 1.25
-EVEN = 0.05  # margin in m by which plans count as equally wide
-LESS = (0.02, 0.1, 0.3)  # of r_col, by which less is asked for where no safe plan is found
+EVEN = 0.05  # difference in shortfall, m, up to which plans count as equally wide
+LESS = (0.02, 0.1, 0.3)  # shares by which separation is lowered where no safe plan is found
 
-SomeControls = Float[Array, "K n left 3"]
+RemainingControls = Float[Array, "K n left 3"]
 EachTrial = Float[Array, "K"]
 EachState = Float[Array, "K n 6"]
 
 
 class ClosedLoop:
-    """Guidance of trials side by side, each replanned at every node but the first.
+    """Guidance of K trials, each replanned at every node but the first.
 
     Attributes:
-        unsafe: number of nodes of each trial at which no known plan to the goal keeps from the
-            estimate what the planner is required to, (K,).
-        seconds: of planning for each trial at each node, (K, intervals); NaN at the first node and
+        unsafe: number of nodes of each trial at which no known plan from the estimate to the goal
+            satisfies the planner's requirements, (K,).
+        seconds: planning time of each trial at each node, (K, intervals); NaN at the first node and
             with one or two intervals left, where no planner is asked.
     """
 
@@ -76,15 +75,15 @@ class ClosedLoop:
         loss: Loss | None = None,
         errors: Errors | None = None,
     ) -> None:
-        """Begin with a plan's controls, m/s²; keep a back-off too where that is not too dear.
+        """Begin with a plan's controls, m/s²; keep a back-off, if given, that is not too expensive.
 
-        Estimates are filtered by the sizes of errors, if given. A loss of thrust is known at the
-        next node, or as late as states are. After it no back-off is kept, which the expert does not
-        know from obstacles, and no passive safety, which is for one loss.
+        Estimates are filtered if errors are given. A loss of thrust is known at the next node, or
+        as late as states are. After it neither a back-off is kept, which the expert cannot keep
+        from obstacles, nor passive safety, which is for one loss.
         """
         self._scenario, self._planner, self._back_off = scenario, planner, back_off
-        self._loss, self._lost = loss, np.full(trials, -1)  # the craft of which it is known
-        self._after = planner  # who plans then, and where passive safety cannot be kept
+        self._loss, self._lost = loss, np.full(trials, -1)  # craft known to have lost its thrust
+        self._after = planner  # planner then, and where passive safety cannot be kept
         if planner.requirements.passive_safety is not None:
             self._after = requiring(planner, replace(planner.requirements, passive_safety=None))
         self._allowance = float(np.abs(controls).sum())
@@ -116,11 +115,11 @@ class ClosedLoop:
         return self._commanded
 
     def _replan(self, estimate: EachState, problem: Problem) -> None:
-        """Choose the controls of the rest of the transfer, which is posed as a problem."""
+        """Choose the controls of the rest of the transfer, which is the given problem."""
         goal = np.broadcast_to(self._scenario.goal, estimate.shape)
         corrected = meet_goal(estimate, self._ahead, goal, problem)
         apart = node_distances(estimate[:, :, None]).min(axis=(1, 2), initial=np.inf)
-        required, asked = self._planner.requirements, _asked(problem, apart)
+        required, asked = self._planner.requirements, _separations_to_ask(problem, apart)
         choice = Choice(problem, estimate, corrected, required, self._lost, self._allowance)
         self._ahead = choice.controls
         if problem.intervals > DETERMINED:
@@ -138,7 +137,7 @@ class ClosedLoop:
         self.unsafe += ~choice.safe(problem.collision_radius)
 
     def _ask(self, choice: "Choice", planner: Planner, separations: Sequence[EachTrial]) -> None:
-        """Ask a planner, for less separation each time where it finds nothing safe."""
+        """Have a planner plan for each separation in turn, until all trials have a safe plan."""
         for asked in separations:
             for radius in np.unique(asked[choice.open & (asked > 0)]).tolist():
                 wider = replace(choice.problem, collision_radius=radius)
@@ -148,17 +147,17 @@ class ClosedLoop:
                     which = np.flatnonzero(some)
                     starts = [replace(asks, initial=choice.estimate[k]) for k in which]
                     if some.any():
-                        starts = list(map(without, starts, self._lost[which].tolist()))
+                        starts = list(map(without_craft, starts, self._lost[which].tolist()))
                         self._offer(choice, which, starts, planner)
 
     def _offer(
         self, choice: "Choice", which: Indices, starts: Sequence[Scenario], planner: Planner
     ) -> None:
-        """Plan some trials anew and offer the plans; with a back-off where no craft is lost."""
+        """Replan some trials and offer the plans; with a back-off where no craft is lost."""
         radius = starts[0].problem.collision_radius
         intact = self._lost[which[0]] < 0
         plans = (planner if intact else self._after).plan(starts)
-        self._spent(which, plans)
+        self._add_seconds(which, plans)
         whole = radius == self._scenario.problem.collision_radius
         if self._back_off is not None and intact and whole:
             safe = np.array([plan.status == SOLVED for plan in plans])
@@ -167,21 +166,21 @@ class ClosedLoop:
                 safe &= choice.open[which]
                 seeds = list(compress(plans, safe))
                 further = with_back_off(seeds, self._back_off, required)
-                self._spent(which[safe], further)
+                self._add_seconds(which[safe], further)
                 asked = Margin(self._back_off, required, required == least)
                 choice.offer(which[safe], further, radius, asked)
         left = choice.open[which]
         choice.offer(which[left], list(compress(plans, left)), radius)
 
-    def _spent(self, which: Indices, plans: Sequence[Plan]) -> None:
-        """Count the time that plans took, at the node at which they begin."""
+    def _add_seconds(self, which: Indices, plans: Sequence[Plan]) -> None:
+        """Add the time that plans took to that of the node at which they begin."""
         for k, plan in zip(which, plans, strict=True):
             left = plan.controls.shape[1]
             stages = ("plan", "certificate")
             self.seconds[k, -left] += sum(plan.timing.get(stage, 0.0) for stage in stages)
 
     def _end(self, estimate: EachState) -> None:
-        """Choose the last controls: the nearest to the goal, or the planned ones if safer."""
+        """Choose the last controls: those ending nearest the goal, or the planned ones if safer."""
         whole = self._scenario.problem
         problem = whole.starting_at(whole.intervals - 1)
         A, _ = problem.dynamics.step(problem.time_step)
@@ -212,10 +211,10 @@ class ClosedLoop:
 def asked_with_margin(
     requirements: Requirements, problem: Problem, errors: Errors | None
 ) -> list[Requirements]:
-    """What is asked for with a margin, in turn, each where there is no plan with the one before.
+    """Requirements to plan for with a margin, each for where there is no plan with the one before.
 
-    Where burns may be missed it is first also passive safety until a missed one is made up for;
-    not where craft may meet between nodes.
+    Where burns may be missed, the first include passive safety until a missed one is corrected,
+    unless separation counts at the nodes only.
     """
     orbits = REACTION * problem.time_step * problem.mean_motion / (2 * np.pi)
     enough = requirements.at_nodes or (requirements.passive_safety or 0.0) >= orbits
@@ -224,8 +223,8 @@ def asked_with_margin(
     return [replace(requirements, passive_safety=orbits), requirements]
 
 
-def without(scenario: Scenario, craft: int) -> Scenario:
-    """The scenario of all others, to whom a craft is an obstacle that drifts; -1 for none."""
+def without_craft(scenario: Scenario, craft: int) -> Scenario:
+    """The scenario without a craft, which becomes a drifting obstacle; unchanged for -1."""
     if craft < 0:
         return scenario
     state, radius = tuple(scenario.initial[craft].tolist()), scenario.problem.collision_radius / 2
@@ -240,8 +239,8 @@ def without(scenario: Scenario, craft: int) -> Scenario:
     )
 
 
-def _asked(problem: Problem, apart: EachTrial) -> list[EachTrial]:
-    """Separations to ask for in turn, m, of each trial: r_col, or what craft have; then less."""
+def _separations_to_ask(problem: Problem, apart: EachTrial) -> list[EachTrial]:
+    """Separations to plan for in turn, m, by trial: r_col or the present one if less; then less."""
     radius = problem.collision_radius
     grains = np.floor((np.minimum(apart, 2 * radius) - 2 * TOLERANCE) / (GRAIN * radius))
     least = np.minimum(radius, radius * (grains * GRAIN))
@@ -250,38 +249,38 @@ def _asked(problem: Problem, apart: EachTrial) -> list[EachTrial]:
 
 @dataclass(frozen=True)
 class Margin:
-    """What plans are to keep beyond the collision radius."""
+    """What plans must keep beyond the collision radius."""
 
     back_off: BackOff  # standard deviations of each separation
-    requirements: Requirements  # what else
-    partly: bool  # whether as much of it as can be had is enough
+    requirements: Requirements  # besides the back-off
+    partly: bool  # whether as much of it as possible is enough
 
 
 class Choice:
-    """The choice of the plan that is flown, of several for each of K trials.
+    """The choice between several plans for each of K trials.
 
     Attributes:
         problem: of the intervals that are left.
         estimate: states at its first node, m and m/s.
         controls: of the best so far, (K, n, intervals, 3), m/s².
-        separation: no pair comes closer than this on them, from the estimate, (K,), m: at any time
-            or at the nodes, and after a first loss of thrust, as is required.
-        open: whether none of them is both safe and to the goal, (K,).
+        separation: lower bound on the separation of all pairs with them, from the estimate, (K,),
+            m: at any time or at the nodes, and after a loss of thrust, as required.
+        open: whether no plan yet is safe and meets the goal, (K,).
     """
 
     def __init__(
         self,
         problem: Problem,
         estimate: EachState,
-        under_way: SomeControls,
+        under_way: RemainingControls,
         requirements: Requirements,
         lost: Int[Array, "K"],
         allowance: float = np.inf,
     ) -> None:
-        """Begin with the controls under way, m/s², corrected for the goal, for what is left.
+        """Begin with the current controls, m/s², corrected for the goal, over the rest.
 
-        The craft of each trial that has ``lost`` its thrust, -1 for none, has no controls.
-        The allowance, m/s², is fuel beyond theirs that a back-off may cost.
+        ``lost`` is the craft of each trial without thrust, and so without controls; -1 for none.
+        The allowance, m/s², is the additional fuel that a back-off may cost.
         """
         self.problem, self.estimate, self._requirements = problem, estimate, requirements
         self._lost, under_way = lost, np.array(under_way)
@@ -296,12 +295,12 @@ class Choice:
     def offer(
         self, which: Indices, plans: Sequence[Plan], radius: float, margin: Margin | None = None
     ) -> None:
-        """Close trials whose new plan, or the one under way, is safe: the cheaper of both.
+        """Close trials whose new plan, or the current one, is safe, with the cheaper safe one.
 
-        Where neither is, the one remains that keeps craft further apart; but one that misses the
-        goal does not replace one that meets it. Plans are for ``which`` trials, all open, and were
-        asked for separation by a radius, m. With a margin, a plan must keep all of it or, where a
-        part is enough, lack less of it than the other; and a new one must not cost too much.
+        Where neither is, the one that keeps craft further apart remains; but one that misses the
+        goal does not replace one that meets it. Plans are for the trials ``which``, all open, and
+        for separation by a radius, m. With a margin, a plan must keep all of it or, where a part
+        is enough, fall short by less than the other; and a new one must not cost too much.
         """
         if not plans:
             return
@@ -334,23 +333,23 @@ class Choice:
         self.open[which] = ~(safe | kept)
 
     def safe(self, radius: float) -> Bool[Array, "K"]:
-        """Whether what is flown meets the goal and keeps further apart than a radius, m."""
+        """Whether the chosen plan meets the goal and keeps craft further apart than a radius, m."""
         return self._to_goal & (self.separation > radius)
 
-    def _within_limit(self, controls: SomeControls) -> SomeControls:
+    def _within_limit(self, controls: RemainingControls) -> RemainingControls:
         limit = self.problem.max_acceleration
         return np.array(controls) if limit is None else np.clip(controls, -limit, limit)
 
-    def _shortfall(self, margin: Margin, which: Indices, controls: SomeControls) -> Values:
-        """How much of a margin trials lack at most on some controls, m."""
+    def _shortfall(self, margin: Margin, which: Indices, controls: RemainingControls) -> Values:
+        """Largest shortfall of a margin with some controls, by trial, m."""
         flown, swarms = self._flown(which, controls)
         asked = self.problem, margin.requirements, margin.back_off
         return back_off_shortfall(flown, *asked, swarms)
 
     def _flown(
-        self, which: Indices | slice, controls: SomeControls
+        self, which: Indices | slice, controls: RemainingControls
     ) -> tuple[Trajectory, SwarmPartition]:
-        """Motion of trials' craft from the estimate, and which of them belong together."""
+        """Motion of the craft of trials from the estimate, and their partition into trials."""
         trials, n, intervals, _ = controls.shape
         initial, flat = self.estimate[which].reshape(-1, 6), controls.reshape(-1, intervals, 3)
         if intervals == self.problem.intervals:
@@ -359,7 +358,7 @@ class Choice:
             states = flown_interval(initial, flat[:, 0], self.problem)
         return Trajectory(flat, states), swarm_partition((n,) * trials)
 
-    def _separation(self, which: Indices | slice, controls: SomeControls) -> Values:
+    def _separation(self, which: Indices | slice, controls: RemainingControls) -> Values:
         (trials, n), (flown, swarms) = controls.shape[:2], self._flown(which, controls)
         states, flat = flown.states, flown.controls
         if self._requirements.at_nodes:
@@ -382,5 +381,5 @@ def _is_at_goal(plan: Plan, problem: Problem) -> bool:
     return within and missed[0] <= POSITION_TOLERANCE and missed[1] <= VELOCITY_TOLERANCE
 
 
-def _fuel(controls: SomeControls) -> EachTrial:
+def _fuel(controls: RemainingControls) -> EachTrial:
     return np.abs(controls).sum(axis=(1, 2, 3))

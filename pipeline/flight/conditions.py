@@ -1,4 +1,4 @@
-"""Conditions in which a plan is flown: the reference orbit, and what perturbs it."""
+"""Conditions in which a plan is flown: the reference orbit and its perturbations."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from pipeline.scenario.orbit_document import ANGLES
 
 @dataclass(frozen=True)
 class Conditions:
-    """Mean elements of the reference orbit at the first node, and what perturbs it.
+    """Mean elements of the reference orbit at the first node, and its perturbations.
 
     Its mean semi-major axis follows from the problem's mean motion. The default is a
     sun-synchronous orbit with the mean eccentricity and perigee of a frozen one.
@@ -27,7 +27,7 @@ class Conditions:
     j2: bool = True  # whether the Earth is oblate
     # C_D A/m in the middle of the swarm and of the reference, m²/kg; None for no drag
     ballistic: float | None = None
-    # by what share of it the first craft has less, and the last more; equally spaced between
+    # share of it by which the first craft has less, and the last more; equally spaced between
     spread: float = 0.1
 
     def __post_init__(self) -> None:
@@ -44,7 +44,7 @@ class Conditions:
         )
 
     def orbit(self, problem: Problem) -> ReferenceOrbit:
-        """That of a problem's mean motion; InputError where it is too low for the model of air."""
+        """The orbit of a problem's mean motion; InputError where the air model does not reach."""
         return self.sized(radius_at(problem.mean_motion))
 
     def sized(self, semi_major_axis: float) -> ReferenceOrbit:
@@ -54,7 +54,7 @@ class Conditions:
 
 
 def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Conditions:
-    """The conditions given, or the usual ones about the scenario's reference orbit."""
+    """The conditions given, or by default the usual ones with the scenario's reference orbit."""
     usual = Conditions()
     return given or (usual if scenario.reference is None else usual.about(scenario.reference))
 
@@ -62,7 +62,7 @@ def conditions_of(scenario: Scenario, given: Conditions | None = None) -> Condit
 def in_world(scenario: Scenario, conditions: Conditions) -> Scenario:
     """The scenario about its own reference orbit, or that of the conditions without one.
 
-    What says where the orbit is then has its osculating angles, as in files with an orbit.
+    Its ``reference``, if any, then has the osculating angles of that orbit.
     """
     if scenario.problem.orbit is not None:
         return scenario

@@ -1,4 +1,4 @@
-"""A plan's controls flown open loop, with one effect more each time, and how much each adds."""
+"""Open-loop flights of a plan's controls with one more perturbation each, and what each adds."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -26,29 +26,30 @@ from pipeline.plan.judge import POSITION_TOLERANCE, is_passively_safe
 from pipeline.scenario import Scenario, participants
 from pipeline.scenario.orbit_document import OrbitDocument
 
-PLAN = "plan"  # of the effects' names: the linear model, in which the plan was made
+PLAN = "plan"  # name of the first effect: none, the linear model of the plan
 
-FURTHEST = 0.01  # distance from the origin, in radii of the reference orbit, that a plan may reach
+FURTHEST = 0.01  # largest distance of a plan from the origin, in radii of the reference orbit
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
     """A flight with one effect more than the one before.
 
-    The share of an effect is of the last error in position of the craft that misses its goal by
-    most: what was added to its, along it. Shares sum to 1; below 0, the effect cancels others.
+    The share refers to the craft with the largest final position error, with all effects: it is
+    the part of that error, along its direction, which the effect adds. Shares sum to 1; a negative
+    one means that the effect cancels others.
     """
 
     name: str  # "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag"
     states: States = field(repr=False)  # at the nodes, LVLH, m and m/s
     nearest: Separation  # the least separation of any pair at any time
     errors: Formation = field(repr=False)  # state at the end minus goal, m and m/s
-    # to the errors by this effect; their sum is the last errors
+    # what this effect adds to the errors; these sum to the last errors
     added: Formation = field(repr=False)
     share: float | None  # None where nothing but rounding is left
     # at the nodes, as they drift in that world, or are held
     obstacles: Float[Array, "m T 6"] = field(repr=False)
-    # by how much craft and obstacles are further apart than their sizes ask for; None without any
+    # least distance of craft and obstacles less their sizes; None where all are alike
     clearance: Clearance | None = None
     corridor: CorridorMargin | None = None  # how far inside of their corridors craft stay
 
@@ -69,9 +70,9 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
     """Fly a plan's controls (m/s²) with one effect more each time, up to all of the conditions.
 
     Effects are added in this order: curvature, two bodies on a circular orbit instead of the
-    linear model; eccentricity; J2; drag. What each adds depends on the order by products of two
-    effects, which are small. Those that the conditions lack are left out. Of a scenario with a
-    reference orbit of its own, all that the linear model leaves out is curvature. InputError where
+    linear model; eccentricity; J2; drag. The order matters only by products of two effects, which
+    are small. Effects that the conditions lack are left out. For a scenario with a reference orbit
+    of its own, all that the linear model leaves out is called curvature. InputError where
     the controls lead too far away, or for conditions without a world.
     """
     problem, goal = scenario.problem, scenario.goal
@@ -97,7 +98,7 @@ def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> l
 
 
 def _worlds(scenario: Scenario, conditions: Conditions) -> Iterator[tuple[str, World]]:
-    """Worlds by the effect that is new in each."""
+    """The worlds with one more effect each, by its name."""
     if scenario.problem.orbit is not None:
         yield "curvature", world_of(scenario, conditions)
         return
@@ -133,10 +134,10 @@ def flight_report(
 ) -> dict[str, Any]:
     """The last flight, with all effects, and under ``effects`` each of them; SI units.
 
-    Errors at the goal are distances, of the craft that misses by most. Separations are None for a
-    craft alone. It is safe where craft stay apart when the plan was to keep them apart, at all
-    times or at the nodes, and after a loss of thrust where that is looked for, by their sizes and
-    from obstacles as well; and where they stay inside of their corridors.
+    Errors at the goal are those of the craft that misses by most. Separations are None for a craft
+    alone. ``safe`` is whether craft and obstacles stay apart, at all times or at the nodes as the
+    plan required, and after a loss of thrust where ``orbits`` are given, and craft stay inside
+    their corridors.
     """
     problem, last = plan.scenario.problem, found[-1]
     used, limits = float(fuel(plan.controls)), plan.scenario.limits
@@ -191,8 +192,8 @@ def _node_collisions(scenario: Scenario, last: Effect) -> int:
 def _passive_safety(
     plan: Plan, conditions: Conditions, states: States, orbits: float
 ) -> PassiveSafety:
-    """How close craft come in a flight's world after a loss of thrust, for so many orbits."""
-    Requirements(passive_safety=orbits)  # refuses numbers that are none
+    """Passive safety in the world of a flight: least distances after a loss of thrust."""
+    Requirements(passive_safety=orbits)  # refuses what is no number of orbits
     scenario = plan.scenario
     flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
     clearance = None

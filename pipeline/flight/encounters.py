@@ -1,4 +1,4 @@
-"""How near craft come in a flight to each other, to obstacles and to leaving their corridors."""
+"""Least distances in a flight: between craft, to obstacles, and inside corridors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ craft or, numbered on after the craft, an obstacle."""
 
 @dataclass(frozen=True, eq=False)
 class Encounters:
-    """The least distances in each trial over some time."""
+    """The least distances in each trial over a time span."""
 
     craft: Nearest  # of any two craft
     # of craft and obstacles by their sizes, as it compares with r_col; None where sizes are alike
@@ -29,7 +29,7 @@ class Encounters:
     inside: Nearest | None = None  # of craft inside of their corridors; None where there are none
 
     def nearer(self, other: "Encounters") -> "Encounters":
-        """The least distances over both times."""
+        """The least distances over both time spans."""
         return Encounters(
             smaller_separation(self.craft, other.craft),
             self.sized and other.sized and smaller_separation(self.sized, other.sized),
@@ -54,7 +54,7 @@ class Encounters:
 
 
 class Surroundings:
-    """Obstacles and corridors of a scenario in a world, and how near craft come to them.
+    """Obstacles and corridors of a scenario in a world, and least distances of craft to them.
 
     Obstacles drift in that world, without errors and with the swarm's mean coefficient of drag, or
     stay where they are held.

@@ -23,7 +23,7 @@ from pipeline.scenario.families import SEEDS
 
 @dataclass(frozen=True)
 class Errors(Uncertainty):
-    """Standard deviations of Gaussian errors, and how often a burn is missed.
+    """Standard deviations of Gaussian errors, and probabilities of missed burns and lost thrust.
 
     Those of ``Uncertainty`` are drawn anew at each node (position, velocity) and for each burn
     (magnitude, direction). Position and velocity are errors of the navigation of a craft, in each
@@ -39,7 +39,7 @@ class Errors(Uncertainty):
     impulse_bit: float = 0.0
 
     def gaussian(self, time_step: float) -> Uncertainty:
-        """The Gaussian errors of intervals of so many s, without missed burns.
+        """The equivalent Gaussian errors for a time step, s, without missed burns and lost thrust.
 
         A burn that is late by τ falls short in position like one that is too small by 2τ/h; one
         that is rounded to multiples of a bit errs by the bit over √12.
@@ -85,7 +85,7 @@ _FILTERED = {"semi_major_axis": 0.1, "navigation_time": 300.0}
 CALIBRATED = replace(COLD_GAS, **_FILTERED, magnitude=0.01, direction=0.01, magnitude_bias=0.005)
 """The same swarm with thrusters that are calibrated in flight, and errors of a navigation filter.
 
-Our own choice: what a filter gets wrong hangs together over some 5 minutes, and it knows the
+Our own choice: the errors of a filter are correlated over some 5 minutes, and it knows the
 relative semi-major axis, which decides how craft drift, to 0.1 m; errors of position and velocity
 that were independent would put it at 1 m, which no filter does.
 """
@@ -93,7 +93,7 @@ that were independent would put it at 1 m, which no filter does.
 UNCALIBRATED = replace(
     COLD_GAS, **_FILTERED, magnitude_bias=0.05, direction_bias=0.02, impulse_bit=1e-4
 )
-"""The same swarm as it is launched: each craft's thrusters are off by as much in all their burns.
+"""The same swarm as launched: the errors of each craft's thrusters are the same in all burns.
 
 Our own choice: 5 % of their size and 1.1° of alignment; Δv comes in bits of 0.1 mm/s.
 """
@@ -130,13 +130,13 @@ class Draws:
     The same trial has the same draws whatever the errors, and however it is flown.
     """
 
-    bias: Float[Array, "K n 6"]  # of the estimate of each state
-    noise: Float[Array, "K intervals n 6"]  # of the same at the node at which each interval begins
-    burn: Float[Array, "K intervals n 3"]  # of each interval's burn
-    lag: Float[Array, "K intervals n"]  # of the time of each burn
-    missed: Float[Array, "K intervals n"]  # whether a burn is
-    thruster: Float[Array, "K n 4"]  # of a craft's thrusters: in size, and their rotation
-    loss: Float[Array, "K 3"]  # of whether a craft loses its thrust, which one, and when
+    bias: Float[Array, "K n 6"]  # for the bias of each estimate
+    noise: Float[Array, "K intervals n 6"]  # for its noise at the node that begins each interval
+    burn: Float[Array, "K intervals n 3"]  # for the error of each interval's burn
+    lag: Float[Array, "K intervals n"]  # for the delay of each burn
+    missed: Float[Array, "K intervals n"]  # decides whether a burn is missed
+    thruster: Float[Array, "K n 4"]  # for biases of a craft's thrusters: magnitude and rotation
+    loss: Float[Array, "K 3"]  # decides whether a craft loses its thrust, which one, and when
 
 
 def check_seed(seed: int) -> None:
@@ -147,9 +147,9 @@ def check_seed(seed: int) -> None:
 def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     """The draws of some trials, each a function of (seed, trial, n, intervals) alone.
 
-    A counter-based generator (J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC
-    2011) has the numbers of trial k at a place of their own, so that any run of trials is drawn at
-    once; the normal ones are by inversion.
+    In the stream of a counter-based generator (J. Salmon et al., "Parallel random numbers: as easy
+    as 1, 2, 3", SC 2011) the numbers of trial k have a fixed place, so that any range of trials is
+    drawn at once; normal numbers are by inversion.
     """
     shapes = (n, 6), (intervals, n, 6), (intervals, n, 3), (intervals, n), (intervals, n)
     seed = int(seed)  # numpy's integers may be too short for what is added
@@ -161,7 +161,7 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
 
 
 def _uniform(key: int, trials: range, *shapes: tuple[int, ...]) -> list[Float[Array, "K ..."]]:
-    """Uniform numbers of some shapes for each trial, of a stream with a key of its own."""
+    """Uniform numbers of some shapes for each trial, from the stream of a key."""
     count, sizes = len(trials), [prod(shape) for shape in shapes]
     blocks = -(-sum(sizes) // 4)  # of four numbers, by which the counter counts
     stream = np.random.Philox(key=key, counter=trials.start * blocks)
@@ -171,7 +171,7 @@ def _uniform(key: int, trials: range, *shapes: tuple[int, ...]) -> list[Float[Ar
 
 
 def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
-    """Standard normal numbers; a uniform 0 is taken for half of the least above it."""
+    """Standard normal numbers from uniform ones; 0 is replaced by a number close to it."""
     return np.asarray(ndtri(np.maximum(uniform, 2.0**-54)))
 
 
@@ -182,7 +182,7 @@ class Loss:
     craft: Int[Array, "K"]  # -1 where none does
     time: Float[Array, "K"]  # of the loss, s since the first node; NaN where there is none
     node: Float[Array, "K"]  # the first at which it is adrift; infinite where none is
-    latency: int  # nodes after that one at which others know
+    latency: int  # number of nodes after which the others know
 
     def by(self, node: int) -> Int[Array, "K"]:
         """The craft of each trial that is adrift at a node; -1 where none is."""
@@ -190,7 +190,7 @@ class Loss:
 
 
 def lost_thrust(drawn: Draws, errors: Errors, problem: Problem) -> Loss:
-    """Losses of thrust, of any craft and at any time of a transfer alike."""
+    """Losses of thrust, of a uniformly random craft at a uniformly random time."""
     whether, which, when = drawn.loss.T
     lost, n = whether < errors.lost, drawn.bias.shape[1]
     craft = np.where(lost, (which * n).astype(int), -1)
@@ -201,7 +201,7 @@ def lost_thrust(drawn: Draws, errors: Errors, problem: Problem) -> Loss:
 def navigation_errors(
     drawn: Draws, errors: Errors, problem: Problem
 ) -> Float[Array, "K intervals n 6"]:
-    """Estimated states at nodes minus true ones, m and m/s: bias, and noise with a memory."""
+    """Estimated states at nodes minus true ones, m and m/s: bias, and correlated noise."""
     noise, bias = navigation_roots(errors, problem)
     mixed = drawn.noise
     if errors.navigation_time > 0:
@@ -211,10 +211,10 @@ def navigation_errors(
 
 @dataclass(frozen=True, eq=False)
 class Burns:
-    """Burns as they are made over an interval."""
+    """Burns over an interval, with thrust errors."""
 
     held: Float[Array, "K n 3"]  # controls held over it, m/s²
-    late: Float[Array, "K n 3"]  # uτ, the Δv that is missing at its start and added at its end, m/s
+    late: Float[Array, "K n 3"]  # uτ of a delay τ: Δv missing at its start, added at its end, m/s
     missed: Int[Array, "K"]  # number of burns that each trial misses
 
 
@@ -223,9 +223,9 @@ def burns_made(
 ) -> Burns:
     """The burns made where controls, m/s², are commanded over an interval of ``time_step`` s.
 
-    A burn that is late by τ is, to second order in τ, the burn in time with an impulse of -uτ at
-    its start and one of uτ at its end: the position after it is off by uτ²/2, and so little that
-    the velocity is off by e times as much. A missed burn has neither. Burns are of whole bits.
+    A burn that is late by τ is modelled as the burn in time with an impulse of -uτ at its start
+    and one of uτ at its end: the position after it is off by uτ²/2, the velocity by the mean motion
+    times as much. A missed burn has no impulses. Burns are rounded to whole impulse bits.
     """
     if errors.impulse_bit > 0:
         bit = errors.impulse_bit / time_step

@@ -1,14 +1,14 @@
-"""Kalman filter of each craft's state: estimates, and what was predicted since the last one.
+"""Kalman filter of each craft's state from navigation estimates and commanded controls.
 
-Errors of navigation are new at every node, in part or in whole, and guidance that corrects all of
-them burns fuel for noise. What is predicted from the estimates before, and from what was commanded
-since, often knows more. So both are combined by their covariances (R. Kalman, "A new approach to
-linear filtering and prediction problems", Journal of Basic Engineering 82, 1960); with the state
-are estimated the bias and the memory of navigation, and the biases of a craft's thrusters, all of
-them as standard normal variables. The sizes of errors are known, as they are to the margin.
+Navigation errors are new at every node, in part or in whole, and guidance that corrects all of them
+burns fuel for noise. A prediction from earlier estimates and the controls commanded since is often
+more accurate. So both are combined by their covariances (R. Kalman, "A new approach to linear
+filtering and prediction problems", Journal of Basic Engineering 82, 1960). The filter's state also
+has the bias and the correlated noise of navigation, and the biases of a craft's thrusters, all as
+standard normal variables. The standard deviations of errors are known.
 
-An estimate that is out of all proportion to what is expected, as after a missed burn, is taken as
-it is, and the filter of that craft begins anew.
+After an estimate that is implausible under the prediction, as after a missed burn, the filter of
+that craft is initialized anew from this estimate.
 """
 
 import numpy as np
@@ -24,14 +24,14 @@ from pipeline.orbit.covariance import (
 from pipeline.orbit.problem import Problem
 
 STATE, BIAS, NOISE, THRUSTER = slice(0, 6), slice(6, 12), slice(12, 18), slice(18, 22)
-SIZE = 22  # of all of them
+SIZE = 22  # of the filter's state
 # Squared Mahalanobis distance of an estimate from the predicted one, of six components, beyond
 # which one in 200,000 is by itself
 SURPRISE = 35.0
 # Standard deviation of the relative acceleration that the linear model leaves out, as a share of
 # e² times the distance from the reference: of J2 and an eccentricity of 0.001
 UNMODELLED = 5e-3
-FLOOR = 1e-9  # error of an estimate that is none, m; of velocities e times it
+FLOOR = 1e-9  # least standard deviation of an estimate, m; of velocities e times it
 
 Known = tuple[Float[Array, "N size"], Float[Array, "N size size"]]  # mean and covariance
 
@@ -40,7 +40,7 @@ class Filter:
     """The Kalman filter of each craft of K trials of n craft."""
 
     def __init__(self, problem: Problem, errors: Uncertainty) -> None:
-        """Begin without any estimate, with errors of known sizes."""
+        """Begin without any estimate, with known standard deviations of errors."""
         self.errors, self._problem = errors, problem
         self._noise, self._bias = navigation_roots(errors, problem)
         self._exact = not (self._noise.any() or self._bias.any())
@@ -52,24 +52,24 @@ class Filter:
 
     @property
     def covariance(self) -> Float[Array, "N 6 6"]:
-        """Covariance of the errors of the states at the last node, m and m/s, of all craft."""
+        """Covariance of each craft's state error at the last node, m and m/s."""
         assert self._known is not None
         return self._known[1][:, STATE, STATE]
 
     def __call__(
         self, node: int, estimate: Float[Array, "K n 6"], commanded: Float[Array, "K n 3"] | None
     ) -> Float[Array, "K n 6"]:
-        """States, m and m/s, by the estimate at a node and what was commanded since the one before.
+        """Filtered states, m and m/s, from the estimate at a node and the last controls commanded.
 
         Controls, m/s², are None at the first node. Where states are known late, estimates are those
-        of the node before, carried on by what was commanded.
+        of the node before, propagated with the commanded controls.
         """
         seen, late = estimate.reshape(-1, 6), bool(self.errors.latency)
-        observed = self._observed(node, late)
+        observed = self._measurement_matrix(node, late)
         held = None if commanded is None else commanded.reshape(-1, 3)
         burnt, self._burnt = (self._burnt, held) if late else (held, None)
         if self._known is None or burnt is None or held is None or self._exact:
-            self._known = _begun(seen, observed)
+            self._known = _initialized(seen, observed)
             return estimate
         mean, covariance = self._predicted(node, held, burnt, late)
         gain = covariance @ observed.T
@@ -80,12 +80,12 @@ class Filter:
         covariance = covariance - gain @ weighed[..., 1:]
         covariance = (covariance + covariance.mT) / 2
         surprising = np.vecdot(off, weighed[..., 0]) > SURPRISE
-        mean[surprising], covariance[surprising] = _begun(seen[surprising], observed)
+        mean[surprising], covariance[surprising] = _initialized(seen[surprising], observed)
         self._known = mean, covariance
         return mean[:, STATE].reshape(estimate.shape)
 
-    def _observed(self, node: int, late: bool) -> Float[Array, "6 size"]:
-        """Estimates at a node as a linear map of what is estimated: the state, and errors of it."""
+    def _measurement_matrix(self, node: int, late: bool) -> Float[Array, "6 size"]:
+        """The measurement matrix: estimates at a node as a linear map of the filter's state."""
         observed = np.zeros((6, SIZE))
         observed[:, BIAS], observed[:, NOISE] = self._bias, self._noise
         if late and node > 0:
@@ -124,8 +124,8 @@ class Filter:
         return mean, covariance
 
 
-def _begun(seen: Float[Array, "N 6"], observed: Float[Array, "6 size"]) -> Known:
-    """Mean and covariance by estimates alone: states are these less their errors."""
+def _initialized(seen: Float[Array, "N 6"], observed: Float[Array, "6 size"]) -> Known:
+    """Mean and covariance from estimates alone: states are estimates minus their errors."""
     mean = np.zeros((len(seen), SIZE))
     mean[:, STATE] = seen
     root = np.eye(SIZE)

@@ -1,9 +1,9 @@
-"""Controls of the last interval that keep craft apart: the least changes of those nearest the goal.
+"""Controls of the last interval that keep craft apart: those nearest the goal, changed least.
 
-Two craft whose goals are close are pushed together by what is left of their errors: the control
-that leaves the least ‖Δp‖² + ‖Δv/e‖² gives up positions for velocities. Pairs that would come too
-near are moved apart along the line between both at that time, by changes of their controls that
-add the least to that sum.
+Remaining errors can bring two craft together whose goals are close: the control that minimizes
+‖Δp‖² + ‖Δv/e‖² trades position errors for velocity errors. Pairs that would come too near are moved
+apart along the line between both at that time, by changes of their controls that add the least to
+that sum.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ from pipeline.orbit.covariance import Uncertainty, burn_deviation, standard_devi
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight
 
-ROUNDS = 8  # of pushing pairs apart: a craft of two pairs is pushed by both
+ROUNDS = 8  # iterations: a craft may belong to several pairs, each of which moves it
 Held = Float[Array, "N 3"]  # controls of the craft of all trials, m/s²
 
-EARLY = 0.1  # share of the interval up to which no control of it moves a pair to speak of
-CLOSE = 5.0  # beyond the collision radius, m, up to which pairs are looked at
+EARLY = 0.1  # share of the interval up to which its controls hardly move a pair
+CLOSE = 5.0  # distance beyond the collision radius, m, up to which pairs are considered
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +35,24 @@ class LastInterval:
     goal: Formation  # m and m/s
     uncertainty: Uncertainty  # of burns
     sigmas: float  # standard deviations of a separation to be kept beyond the collision radius
-    adrift: Bool[Array, "K n"]  # craft that have no thrust
+    adrift: Bool[Array, "K n"]  # craft without thrust
 
     def kept_apart(self, controls: Float[Array, "K n 3"]) -> Float[Array, "K n 3"]:
-        """The controls, m/s², changed where pairs would come too near; no more than they can."""
+        """The controls, m/s², changed within their limit where pairs would come too near."""
         (trials, n, _), problem = self.estimate.shape, self.problem
         held, swarms = controls.reshape(-1, 3), swarm_partition((n,) * trials)
         within, most = problem.collision_radius + CLOSE, problem.most_control
         for _ in range(ROUNDS):
             states = flown_interval(self.estimate.reshape(-1, 6), held, problem)
             found = close_approaches(states, held[:, None], problem, within, swarms=swarms)
-            push = self._pushed(found, held)
-            if not push.any():
+            change = self._changes(found, held)
+            if not change.any():
                 break
-            held = np.clip(held + push, -most, most)
+            held = np.clip(held + change, -most, most)
         return held.reshape(controls.shape)
 
-    def _pushed(self, found: Approaches, held: Held) -> Held:
-        """Changes of controls that take each pair as far apart as it is to be, m/s²."""
+    def _changes(self, found: Approaches, held: Held) -> Held:
+        """Changes of controls, m/s², that give each pair the required separation."""
         problem, i, j = self.problem, found.first, found.second
         begin = self.estimate.reshape(-1, 6)
         gap = np.matvec(found.state_map, begin[i] - begin[j]) + np.matvec(
@@ -60,7 +60,7 @@ class LastInterval:
         )
         apart = norm(gap)
         normal = gap / np.maximum(apart, PROVABLE)[:, None]
-        short = self._wanted(found, normal, held) - found.bound
+        short = self._required_separation(found, normal, held) - found.bound
         able = ~self.adrift.ravel()
         most = found.offset > EARLY * problem.time_step
         wanting = (short > 0) & most & (able[i] | able[j])
@@ -71,13 +71,13 @@ class LastInterval:
         cheapest = np.matvec(np.linalg.inv(weighed.T @ weighed), row)
         share = np.vecdot(row, cheapest) * (able[i].astype(float) + able[j])
         change = cheapest * np.where(wanting, short / np.where(wanting, share, 1.0), 0.0)[:, None]
-        push = np.zeros_like(held)
-        np.add.at(push, i, change * able[i][:, None])
-        np.add.at(push, j, -change * able[j][:, None])
-        return push
+        total = np.zeros_like(held)
+        np.add.at(total, i, change * able[i][:, None])
+        np.add.at(total, j, -change * able[j][:, None])
+        return total
 
-    def _wanted(self, found: Approaches, normal: Vectors, held: Held) -> Values:
-        """How far apart pairs are to be, m: no more deviations than they have at either end."""
+    def _required_separation(self, found: Approaches, normal: Vectors, held: Held) -> Values:
+        """Required separations of pairs, m: in standard deviations at most those at either end."""
         i, j, problem = found.first, found.second, self.problem
         n, radius = self.estimate.shape[1], problem.collision_radius
         begin, goal = self.estimate.reshape(-1, 6)[:, :3], self.goal[:, :3]

@@ -1,7 +1,7 @@
 """Ways to fly a plan: open loop, with feedback, replanned at every node, and with a margin.
 
-The margin is a back-off: so many standard deviations of each pair's separation at each time, under
-feedback, are kept beyond r_col, so that errors use them up before craft are at risk.
+The margin is a back-off: a number of standard deviations, under feedback, of each pair's separation
+at each time is kept beyond r_col, as room for errors.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.errors import InputError, check_whole
 from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
-from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without
+from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without_craft
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, World
@@ -23,12 +23,12 @@ from pipeline.scenario import Scenario
 
 # Names of the loops
 OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
-PORTION = 50  # most trials that are flown side by side
-ON_GPU = 10  # times as many on a GPU, which fewer do not keep busy
+PORTION = 50  # largest number of trials in a batch
+ON_GPU = 10  # times as many on a GPU, to keep it busy
 MOST_TRIALS = 10_000_000  # of one Monte Carlo
-SIGMAS = 3.0  # standard deviations of a separation that the margin is by default
-MOST_SIGMAS = 10.0  # that can be asked for
-DEAR = 2.0  # times a plan's fuel that a margin may cost
+SIGMAS = 3.0  # default margin, in standard deviations of a separation
+MOST_SIGMAS = 10.0  # largest margin, in the same
+DEAR = 2.0  # largest fuel with a margin, in that of the plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +37,14 @@ class Loop:
 
     name: str
     controls: Controls
-    states: States | None = None  # that feedback keeps to, m and m/s
-    planner: Planner | None = None  # that replans at every node
-    back_off: BackOff | None = None  # kept then beyond the collision radius
+    states: States | None = None  # reference of the feedback, m and m/s; None without feedback
+    planner: Planner | None = None  # replans at every node; None without replanning
+    back_off: BackOff | None = None  # kept beyond the collision radius when replanning
 
     def fly(
         self, scenario: Scenario, world: World, errors: Errors, trials: range, seed: int
     ) -> Trials:
-        """Fly some trials side by side, as in ``fly_trials``."""
+        """Fly a batch of trials, as in ``fly_trials``."""
         problem, count = scenario.problem, len(trials)
         drawn = draws(seed, trials, scenario.n, problem.intervals)
         unsafe, seconds = np.zeros(count, dtype=int), np.zeros((count, 0))
@@ -70,11 +70,11 @@ def flight_loops(
     *,
     with_feedback: bool = False,
 ) -> Iterator[Loop]:
-    """The open loop of a plan, on request with feedback, and with a planner two more.
+    """The loops of a plan: open, on request feedback, and with a planner replanned and with margin.
 
-    The last one keeps so many standard deviations of ``errors`` beyond the collision radius.
-    InputError where a craft may be lost and there are no others, or obstacles, or the planner does
-    not plan for the others alone.
+    The last one keeps ``sigmas`` standard deviations of ``errors`` beyond the collision radius.
+    InputError where a craft may lose its thrust and is alone, there are sizes or corridors, or the
+    planner cannot plan for the other craft.
     """
     scenario = plan.scenario
     if errors.lost > 0:
@@ -88,7 +88,7 @@ def flight_loops(
                 "obstacles or corridors, past which no drift of a lost craft is flown; expected 0."
             )
         if planner is not None:
-            planner.plan([without(scenario, 0)])
+            planner.plan([without_craft(scenario, 0)])
     yield Loop(OPEN, plan.controls)
     if with_feedback:
         yield Loop(FEEDBACK, plan.controls, plan.states)
@@ -97,12 +97,12 @@ def flight_loops(
     yield Loop(REPLANNED, plan.controls, planner=planner)
     expected = errors.gaussian(scenario.problem.time_step)
     back_off = BackOff(expected, sigmas, closed_loop=True)
-    wider = _keeping(plan, back_off, planner.requirements, errors)
+    wider = _with_margin(plan, back_off, planner.requirements, errors)
     yield Loop(MARGIN, wider, planner=planner, back_off=back_off)
 
 
-def portion_of(n: int, world: World, loop: Loop) -> int:
-    """Trials of n craft that are flown side by side: so few that their pairs fit in memory."""
+def batch_size(n: int, world: World, loop: Loop) -> int:
+    """Number of trials of n craft in a batch, whose pairs must fit in memory."""
     on_gpu = isinstance(world, LinearWorld) and (world.device or "").startswith("cuda")
     times = ON_GPU if on_gpu and loop.planner is None else 1  # plans are made by the CPU
     return max(1, min(times * PORTION, times * 2 * MOST_PAIRS // n**2))
@@ -116,15 +116,15 @@ def fly_loops(
     trials: int,
     seed: int = 0,
 ) -> dict[str, Trials]:
-    """Fly each loop so many times, by the loop's name; all trials are in memory.
+    """Trials of each loop by its name, all kept in memory.
 
-    InputError for no trials, more than MOST_TRIALS, or a seed that is none.
+    InputError for no trials, more than MOST_TRIALS, or an invalid seed.
     """
     check_whole("trials", trials, 1, MOST_TRIALS)
     check_seed(seed)
     found: dict[str, Trials] = {}
     for loop in loops:
-        portion = portion_of(scenario.n, world, loop)
+        portion = batch_size(scenario.n, world, loop)
         parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
         flown = [loop.fly(scenario, world, errors, part, seed) for part in parts]
         found[loop.name] = {name: np.concatenate([p[name] for p in flown]) for name in flown[0]}
@@ -132,7 +132,7 @@ def fly_loops(
 
 
 def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
-    """Raise InputError for sizes, limits of thrust or a risk that guidance does not keep."""
+    """Raise InputError for sizes, limits of thrust or a risk that replanning cannot keep."""
     if plan.scenario.unlike:
         raise InputError(
             "craft have radii of their own, or there are obstacles or corridors, which guidance "
@@ -156,10 +156,12 @@ def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
     )
 
 
-def _keeping(plan: Plan, back_off: BackOff, requirements: Requirements, errors: Errors) -> Controls:
-    """Controls that keep as much of a back-off as they can from the first node on, m/s².
+def _with_margin(
+    plan: Plan, back_off: BackOff, requirements: Requirements, errors: Errors
+) -> Controls:
+    """Controls that keep as much of a back-off as possible from the first node on, m/s².
 
-    Those of the plan where no safe ones are found, or they would cost too much.
+    Those of the plan where no safe ones are found, or they cost too much.
     """
     problem, alone = plan.scenario.problem, swarm_partition((plan.scenario.n,))
     for required in asked_with_margin(requirements, problem, errors):

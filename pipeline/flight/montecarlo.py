@@ -1,11 +1,11 @@
-"""A Monte Carlo of one transfer: trials in portions, portions into shards of a folder.
+"""A Monte Carlo of one transfer, whose trials are written in portions to shards of a folder.
 
-    FOLDER/loop=open-loop/part-00000.parquet            a row a trial
+    FOLDER/loop=open-loop/part-00000.parquet            one row per trial
     FOLDER/_timings/loop=open-loop/part-00000.parquet   how long its plans took
 
-and what any folder of shards has (pipeline/storage). A shard says in its schema's metadata all
-that decides its bytes. One that is there, has its digest and is of the same settings is kept, so
-that a run that was killed goes on, and more trials come on top.
+and the other files of any folder of shards (pipeline/storage). The schema metadata of a shard have
+all that decides its bytes. A shard that has its digest and the same settings is kept, so that a run
+that was killed goes on, and trials can be added.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ import pyarrow as pa
 from pipeline.errors import InputError, check_whole
 from pipeline.flight.encounters import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.errors import Errors, check_seed
-from pipeline.flight.loops import MOST_TRIALS, Loop, portion_of
+from pipeline.flight.loops import MOST_TRIALS, Loop, batch_size
 from pipeline.flight.trials import Trials
 from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers, check_worker
@@ -44,7 +44,7 @@ MADE_BY: DecidedBy = (
     ),
     ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch"),
 )
-"""Code of ours and packages that the bytes of trials depend on."""
+"""Packages, our own and others, that the bytes of trials depend on."""
 
 FIELDS = [
     pa.field("trial", pa.int64(), nullable=False),
@@ -78,20 +78,20 @@ TIMING_FIELDS = [
 
 @dataclass(frozen=True, eq=False)
 class TrialSettings:
-    """Settings that decide the trials of a Monte Carlo, but for the loop, and a shard's size."""
+    """Settings of a Monte Carlo that, with the loop, decide its trials, and the size of shards."""
 
     scenario: Scenario
     world: World
     errors: Errors
     seed: int = 0
-    portion: int | None = None  # by default as many as are flown side by side
+    portion: int | None = None  # trials in a shard; None for those of a batch
 
     def __post_init__(self) -> None:
         check_seed(self.seed)
 
     def portion_of(self, loop: Loop) -> int:
-        """Trials of a loop in a shard, but for its last."""
-        return self.portion or portion_of(self.scenario.n, self.world, loop)
+        """Number of trials in each shard of a loop but the last."""
+        return self.portion or batch_size(self.scenario.n, self.world, loop)
 
     @cached_property
     def made_with(self) -> Mapping[str, str]:
@@ -142,7 +142,7 @@ class Portion:
 
     @property
     def most(self) -> Size:
-        """What its files may hold."""
+        """The largest size of its files."""
         portion = self.of.portion_of(self.loop)
         return Size(portion, portion * self.of.scenario.problem.intervals)
 
@@ -156,7 +156,7 @@ def fly_all(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, Trials]:
-    """Fly the trials of each loop that are not flown yet, and return all, by the loop's name.
+    """Fly the trials of each loop that are not in the folder yet; all trials, by the loop's name.
 
     InputError for no trials, where another process writes to the folder, or where it was begun
     with other settings or versions. ProlearnError where the folder cannot be written to or workers
@@ -203,7 +203,7 @@ def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
         return False
     if not shards.has_metadata(table, portion.metadata):
         _refuse_change(folder, table, portion)
-        return False  # it is another part of the same
+        return False  # a part of the same run with another number
     if name not in listed and not ledger.adopt(name, portion.most, lambda _: True):
         return False
     first, rows = portion.rows.start, table.num_rows
@@ -241,7 +241,7 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
 
 
 def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int) -> Trials:
-    """The first so many trials of a loop, with the times of all their plans."""
+    """The first ``trials`` trials of a loop, with the times of all their plans."""
 
     def sound(name: str, digest: str, most: Size) -> pa.Table:
         try:

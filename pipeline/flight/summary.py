@@ -1,4 +1,4 @@
-"""Summary and figure of trials: how close craft come, how far from their goals they end, and Δv."""
+"""Summary and figure of trials: least separations, errors at the goal, and Δv."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -31,7 +31,7 @@ PANELS = {"goal_error": "error at the goal (m)", "delta_v": "Δv of all craft (m
 
 @dataclass(frozen=True)
 class Summary:
-    """Trials of one loop in numbers; what depends on pairs is None for a single craft.
+    """Statistics of the trials of one loop; those of pairs are None for a single craft.
 
     Separations and errors are in m, velocities and Δv of all craft in m/s. Errors at the goal are
     those of the craft furthest from its goal. Fields of replanning are None in the open loop. Where
@@ -73,9 +73,9 @@ class Summary:
 
 
 def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary:
-    """The trials of a loop in numbers, by the collision radius and the physical size, m."""
+    """Statistics of the trials of a loop, for a collision radius and a physical size, m."""
     apart, clear, inside = (
-        _separations(trials, name) for name in ("min_separation", "min_clearance", "min_margin")
+        _finite(trials, name) for name in ("min_separation", "min_clearance", "min_margin")
     )
     found: dict[str, Any] = {}
     for name, distances, most in (
@@ -109,17 +109,17 @@ def summarize(loop: Loop, trials: Trials, radius: float, size: float) -> Summary
 
 @style.in_style
 def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, title: str) -> Figure:
-    """For each quantity the share of trials at or below a value, a line a loop.
+    """Empirical distribution of each quantity over the trials, a line for each loop.
 
-    The collision radius, m, is marked, and the physical size, m, where trials come near it. By
-    sizes of their own, separation is how much further apart craft and obstacles are than these ask.
+    The collision radius, m, is marked, and the physical size, m, where trials come near it. Where
+    craft have radii of their own or there are obstacles, clearance takes the place of separation.
     """
     figure = Figure(figsize=(style.PAGE_WIDTH, 3.1), layout="constrained")
     clear = any("min_clearance" in trials for trials in tables.values())
     shown = {**(CLEAR if clear else APART), **PANELS}
     panels = figure.subplots(1, len(shown), sharey=True)
     for ax, (column, label) in zip(panels, shown.items(), strict=True):
-        values = [_separations(trials, column) for trials in tables.values()]
+        values = [_finite(trials, column) for trials in tables.values()]
         for loop, found, line in zip(tables, values, LINES, strict=False):
             if len(found):
                 ax.ecdf(found, label=loop, **line)
@@ -138,8 +138,8 @@ def trials_figure(tables: Mapping[str, Trials], radius: float, size: float, titl
     return figure
 
 
-def _separations(trials: Trials, column: str) -> Float[Array, "_"]:
-    """A column's distances, m; none of those without a pair, or of columns that are not there."""
+def _finite(trials: Trials, column: str) -> Float[Array, "_"]:
+    """The finite values of a column; none where there is no such column."""
     found = trials.get(column, np.zeros(0))
     return found[np.isfinite(found)]
 

@@ -1,4 +1,4 @@
-"""Trials of one transfer with errors, flown side by side under some guidance."""
+"""Trials of one transfer with errors, flown as a batch under some guidance."""
 
 from collections.abc import Callable, Mapping
 from functools import reduce
@@ -18,10 +18,10 @@ from pipeline.orbit.thrust_cost import interval_fuel
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
-SHORTEST = 1e-9  # part of an interval, as a share of it, that is flown by itself
+SHORTEST = 1e-9  # shortest part of an interval that is flown separately, as a share of it
 
 Trials = Mapping[str, Array]
-"""Trials of a loop by column, a value a trial, SI units. Errors at the goal are those of the craft
+"""Columns of a loop's trials, one value each, SI units. Errors at the goal are those of the craft
 furthest from it, separations the least of any pair at any time, Δv that of all craft. A craft alone
 has a ``first_craft`` of -1 and no separation; ``replan_seconds`` has a row of times a trial, NaN
 where nobody planned. By sizes, and with corridors, there are those of ``Encounters.columns``.
@@ -39,7 +39,7 @@ def open_loop(controls: Controls) -> Guidance:
 
 
 def feedback(controls: Controls, states: States, problem: Problem) -> Guidance:
-    """Guidance that corrects a plan's controls, m/s², for what is off its states, m and m/s.
+    """Guidance that corrects a plan's controls, m/s², for deviations from its states, m and m/s.
 
     By ``pipeline.orbit.feedback``, and within the thrust limit.
     """
@@ -52,22 +52,22 @@ def feedback(controls: Controls, states: States, problem: Problem) -> Guidance:
 def fly_trials(
     scenario: Scenario, world: World, guidance: Guidance, drawn: Draws, errors: Errors
 ) -> dict[str, Array]:
-    """Fly some trials side by side; all columns of ``Trials`` but those of replanning.
+    """Fly a batch of trials; all columns of ``Trials`` but those of replanning.
 
-    The scenario's initial states are the estimates at the first node; craft are where those and
-    the navigation errors put them. At a node the rest of a late burn is still to come; the ends of
-    trials are evaluated after it. Obstacles have no errors. A craft that loses its thrust in
-    mid-burn has begun the burn in time, and what it does not burn any more is no missed burn.
+    The scenario's initial states are the estimates at the first node; true states are these minus
+    the navigation errors. At a node the end of a late burn is still to come; the final states are
+    evaluated after it. Obstacles have no errors. A craft that loses its thrust in mid-burn has
+    begun the burn in time, and the rest of it does not count as a missed burn.
     """
     problem, trials, n = scenario.problem, len(drawn.bias), scenario.n
     h, shape, met, around = problem.time_step, (trials, n), [], Surroundings(scenario, world)
     wrong, loss = navigation_errors(drawn, errors, problem), lost_thrust(drawn, errors, problem)
-    adrift = _marked(loss.by(0), n)
+    adrift = _mask(loss.by(0), n)
     state = scenario.initial - wrong[:, 0]
     used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
     late, carried = np.zeros((*shape, 3)), state
     for node in range(problem.intervals):
-        known = _pushed(state, late) + wrong[:, node] if node else scenario.initial
+        known = _with_impulse(state, late) + wrong[:, node] if node else scenario.initial
         known = np.broadcast_to(known, (*shape, 6))
         commanded = guidance(node, carried if errors.latency and node else known)
         commanded = np.where(adrift[..., None], 0.0, commanded)
@@ -75,16 +75,16 @@ def fly_trials(
             A, B = problem.dynamics.step(h, node)
             carried = np.matvec(A, known) + np.matvec(B, commanded)
         burns = burns_made(commanded, drawn, node, errors, h)
-        before, adrift = adrift, _marked(loss.by(node + 1), n)
+        before, adrift = adrift, _mask(loss.by(node + 1), n)
         stops = (adrift & ~before)[..., None]
         lag = np.where(stops, 0.0, burns.late)
-        start, late = _pushed(state, late - lag), lag
-        state, encounters = _flown(world, around, start, burns.held, node, loss, h)
+        start, late = _with_impulse(state, late - lag), lag
+        state, encounters = _fly_interval(world, around, start, burns.held, node, loss, h)
         met.append(encounters)
         share = np.where(stops, loss.time[:, None, None] / h - node, 1.0)
         used += interval_fuel(burns.held * share, problem.thrust) * h
         missed += burns.missed
-    least, miss = reduce(Encounters.nearer, met), _pushed(state, late) - scenario.goal
+    least, miss = reduce(Encounters.nearer, met), _with_impulse(state, late) - scenario.goal
     miss = np.where(adrift[..., None], 0.0, miss)
     return {
         **least.columns(problem.collision_radius),
@@ -97,7 +97,7 @@ def fly_trials(
     }
 
 
-def _flown(
+def _fly_interval(
     world: World,
     around: Surroundings,
     start: Float[Array, "K n 6"],
@@ -108,8 +108,8 @@ def _flown(
 ) -> tuple[Float[Array, "K n 6"], Encounters]:
     """States at the end of an interval of h s, and the least distances in it.
 
-    Trials in which a craft loses its thrust meanwhile are flown in two parts, before and after;
-    such swarms have neither obstacles nor corridors.
+    Trials in which a craft loses its thrust in the interval are flown in two parts, before and
+    after; such swarms have neither obstacles nor corridors.
     """
     arc = world.arc(start.reshape(-1, 6), held.reshape(-1, 3), node)
     arcs = arc.reshape(*start.shape[:2], *arc.shape[1:])
@@ -128,11 +128,13 @@ def _flown(
     return end, met
 
 
-def _marked(craft: Int[Array, "K"], n: int) -> Bool[Array, "K n"]:
+def _mask(craft: Int[Array, "K"], n: int) -> Bool[Array, "K n"]:
     """The craft of each trial as a mask; of none where it is -1."""
     return craft[:, None] == np.arange(n)
 
 
-def _pushed(state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]) -> Float[Array, "K n 6"]:
+def _with_impulse(
+    state: Float[Array, "K n 6"], impulse: Float[Array, "K n 3"]
+) -> Float[Array, "K n 6"]:
     """States with an impulse, m/s, added to their velocities."""
     return np.concatenate([state[..., :3], state[..., 3:] + impulse], axis=-1)

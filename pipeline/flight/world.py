@@ -1,4 +1,4 @@
-"""Worlds in which a plan is flown: linear motion, and two bodies with J2 and drag."""
+"""Dynamics in which a plan is flown: the linear model, and two-body motion with J2 and drag."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
@@ -24,14 +24,14 @@ WHOLE: Part = (0.0, 1.0)
 
 @runtime_checkable
 class World(Protocol):
-    """True motion of craft in flight, each on its own.
+    """Protocol of the true dynamics of craft in flight.
 
     States are x y z vx vy vz in the LVLH frame of the reference orbit, m and m/s; controls are
     accelerations along its axes, m/s², held constant there.
     """
 
     def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
-        """States over an interval or a part of it, from those at its start by controls held."""
+        """States over an interval or a part of it, from initial states and constant controls."""
 
     @property
     def of_obstacles(self) -> "World":
@@ -40,7 +40,7 @@ class World(Protocol):
 
 @dataclass(frozen=True)
 class LinearWorld:
-    """Motion by the linear model for which plans are made; a ``World``.
+    """Motion by the linear model with which plans are made; a ``World``.
 
     With a device, arcs are torch tensors on it, in float64.
     """
@@ -75,15 +75,15 @@ class LinearWorld:
 
 @dataclass(frozen=True)
 class NonlinearWorld:
-    """Craft about an oblate Earth, in all terms of their motion about a reference; a ``World``.
+    """Nonlinear motion about an oblate Earth, with drag, relative to a reference; a ``World``.
 
-    Trials of n craft may be flown one after the other.
+    States are of n craft, or of the n craft of several trials, one trial after the other.
     """
 
     orbit: ReferenceOrbit
     time_step: float  # s
     intervals: int
-    n: int = 1  # craft, whose coefficients of drag differ
+    n: int = 1  # number of craft, whose ballistic coefficients differ
 
     @property
     def of_obstacles(self) -> "NonlinearWorld":
@@ -92,7 +92,7 @@ class NonlinearWorld:
 
     @classmethod
     def of(cls, problem: Problem, n: int) -> "NonlinearWorld":
-        """That of a problem with a reference orbit, for n craft."""
+        """The world of a problem with a reference orbit, for n craft."""
         assert problem.orbit is not None
         return cls(problem.orbit, problem.time_step, problem.intervals, n)
 

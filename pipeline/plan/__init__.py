@@ -1,4 +1,4 @@
-"""Plans: what each craft is to do, with a certificate that anyone can check."""
+"""Plans: states and controls of each craft, with a certificate that anyone can check."""
 
 from pipeline.plan.certificate import (
     Certificate,
@@ -9,7 +9,14 @@ from pipeline.plan.certificate import (
     certify,
     gap_of,
 )
-from pipeline.plan.judge import Made, is_safe, judged, planned, planned_all, violations
+from pipeline.plan.judge import (
+    Draft,
+    certified_plan,
+    certified_plans,
+    is_safe,
+    violations,
+    with_status,
+)
 from pipeline.plan.plan import (
     INFEASIBLE,
     SOLVED,
@@ -40,7 +47,7 @@ __all__ = [
     "Certificate",
     "Clearance",
     "CorridorMargin",
-    "Made",
+    "Draft",
     "PassiveSafety",
     "Plan",
     "Rechecked",
@@ -48,14 +55,14 @@ __all__ = [
     "Risk",
     "RiskLimit",
     "Separation",
+    "certified_plan",
+    "certified_plans",
     "certify",
     "gap_of",
     "is_safe",
-    "judged",
-    "planned",
-    "planned_all",
     "recheck",
     "refuse_risk",
     "summary",
     "violations",
+    "with_status",
 ]

@@ -1,4 +1,4 @@
-"""The certificate of a plan: its cost, how far from optimal it can be, and how safe it is."""
+"""The certificate of a plan: cost, optimality gap, and safety."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -27,17 +27,17 @@ from pipeline.scenario.waypoint import missed
 
 Columns = dict[str, Sequence[Any]]  # fields of certificates, one value for each scenario
 
-FINE = 1e-9  # bracket, m, of a least separation that is as good as the collision radius
+FINE = 1e-9  # tolerance, m, of a least separation that is close to the collision radius
 SUM_ROUNDING = 1e-13  # share of a fuel by which sums of it in another order may be off
 
 
 @dataclass(frozen=True)
 class Feedback:
-    """What corrections at each node ask for (``pipeline.orbit.feedback``).
+    """Cost of feedback corrections at each node (``pipeline.orbit.feedback``).
 
     Attributes:
-        saturation: bound on the probability that any is beyond the thrust limit; the bound on the
-            risk has it in it.
+        saturation: bound on the probability that any is beyond the thrust limit, which the bound
+            on the risk includes.
         delta_v: mean Δv that they add to the plan's, Σ‖u‖₁Δt of all craft, m/s.
     """
 
@@ -52,13 +52,13 @@ class Risk:
     Attributes:
         bound: the probability that any pair comes within the collision radius, at any time from
             the first node to the last, is at most this.
-        asked: what it was to be at most.
-        uncertainty: standard deviations of the Gaussian errors that are meant.
+        asked: the limit that was required.
+        uncertainty: standard deviations of the Gaussian errors.
         sigmas: standard deviations of each pair's separation that the plan was asked to keep
             beyond the collision radius; 0 where the plan was safe enough without.
-        fuel_without: fuel of the planner's plan that keeps the collision radius alone, m/s²; None
-            where it found none, or plans without a view to the risk.
-        feedback: what corrections at each node ask for; None where it is flown in open loop.
+        fuel_without: fuel of the planner's plan without the risk limit, m/s²; None where it found
+            none, or does not plan for the risk.
+        feedback: cost of the corrections at each node; None in open loop.
     """
 
     bound: float
@@ -70,18 +70,18 @@ class Risk:
 
     @property
     def kept(self) -> bool:
-        """Whether the risk is at most what was asked for."""
+        """Whether the bound on the risk is within the limit."""
         return self.bound <= self.asked
 
     def of(self, risk: CollisionRisk, problem: Problem) -> "Risk":
-        """The same claim with the bound that was found."""
+        """The same with the bound of a computed risk."""
         feedback = Feedback(risk.saturation, risk.corrections * problem.time_step)
         return replace(self, bound=risk.total, feedback=self.feedback and feedback)
 
     def judge(self, states: States, controls: Controls, problem: Problem) -> "Risk":
-        """The same claim about other states, m and m/s, and controls, m/s².
+        """The same for given states, m and m/s, and controls, m/s².
 
-        Craft count as larger by how far their motion is from linear motion between nodes.
+        The collision radius is increased by the deviation from linear motion between nodes.
         """
         closed_loop = self.feedback is not None
         off = 2 * float(norm(dynamics_defect(states, controls, problem)[..., :3]).max())
@@ -94,21 +94,21 @@ class Risk:
 
     @classmethod
     def asked_for(cls, limit: RiskLimit, problem: Problem) -> "Risk":
-        """What is asked for, before any plan is judged by it."""
+        """A risk limit, with the bound yet to be found for a plan."""
         feedback = Feedback(0.0, 0.0) if limit.closed_loop else None
         return cls(0.0, limit.asked, limit.uncertainty(problem), 0.0, None, feedback)
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """By how much participants are further apart than their sizes ask for, at least.
+    """Least distance of participants, craft and obstacles, less their sizes.
 
-    About an ellipsoid it is that by which a craft is clear of it, or less.
+    For an ellipsoid it is a lower bound on the distance from its surface.
 
     Attributes:
         min_clearance: least of any pair at any time, m; below 0 where one is too close.
         min_clearance_bound: proven lower bound on it, m.
-        craft: whose it is; after a loss of thrust, the drifting craft.
+        craft: number of the craft; after a loss of thrust, the drifting one.
         other: the other craft, or the name of an obstacle.
         time: when, s since the first node.
         node: at which the craft loses its thrust, or None in flight.
@@ -141,13 +141,13 @@ class Clearance:
 
 @dataclass(frozen=True)
 class CorridorMargin:
-    """How far inside of its corridor the craft is that comes closest to leaving one.
+    """Least margin of any craft inside its corridor.
 
     Attributes:
         min_margin: least distance from a face, at any time of any corridor, m; below 0 outside.
         min_margin_bound: proven lower bound on it, m.
-        craft: which.
-        corridor: its number among the scenario's.
+        craft: number of the craft.
+        corridor: number of the corridor in the scenario.
         time: when, s since the first node.
     """
 
@@ -179,7 +179,7 @@ class CorridorMargin:
 
     @classmethod
     def in_flight(cls, found: Nearest) -> "CorridorMargin":
-        """The corridor margin in the first trial of a Monte Carlo flight."""
+        """The corridor margin from the least margins of a flight, or of the first of several."""
         least = found.separation()
         assert least.pair is not None and least.time is not None  # every corridor counts sometime
         return cls(least.distance, least.bound, *least.pair, least.time)
@@ -187,19 +187,19 @@ class CorridorMargin:
 
 @dataclass(frozen=True)
 class PassiveSafety:
-    """How close a craft that has lost its thrust comes to another, whoever it is and whenever.
+    """Least distance to others of a craft that has lost its thrust: any craft, at any node.
 
     Attributes:
-        orbits: how long it drifts, from every node on; the others fly their plan and drift on.
+        orbits: how long it drifts from that node; the others fly their plan and then drift, too.
         min_separation: least distance of a drifting craft to another at any time, m; None without
             a pair.
         min_separation_bound: proven lower bound on it, m.
         pair: the drifting craft and the other, or None.
-        node: at which the first of them loses its thrust, or None; at the last node it has none
-            left to lose, and both drift on from their goals.
+        node: at which the first of them loses its thrust, or None; at the last node the plan has
+            ended, and both drift on from their goals.
         time: when they are closest, s since the first node, or None.
-        clearance: by how much they are further apart than their sizes ask for, where craft have
-            radii of their own or there are obstacles.
+        clearance: least distance less sizes, where craft have radii of their own or there are
+            obstacles.
     """
 
     orbits: float
@@ -234,9 +234,9 @@ class LargestShare:
     """The largest share of its Δv that a craft burns.
 
     Attributes:
-        craft: which.
-        share: of what it has left.
-        bound: in no transfer, safe or not, is the largest share less.
+        craft: number of the craft.
+        share: of the Δv it has left.
+        bound: lower bound on the largest share of any transfer, safe or not.
     """
 
     craft: int
@@ -251,7 +251,7 @@ class SmallestBurn:
     Attributes:
         asked: least Δv of a thruster's burn in an interval, m/s.
         least: that of the plan, m/s; None where there is no burn.
-        fuel_without: fuel of the planner's plan without regard to it, m/s², or None.
+        fuel_without: fuel of the planner's plan without this requirement, m/s², or None.
     """
 
     asked: float
@@ -261,12 +261,12 @@ class SmallestBurn:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What a plan is worth, all of it recomputable from the plan and its scenario.
+    """Cost, lower bound and safety of a plan, recomputable from the plan and its scenario.
 
     Attributes:
         fuel: Eq. 4, m/s², or Σ‖u‖₂, or the sum of thrusts, by the scenario's kind of thrust.
         delta_v: time step times fuel, of all craft, m/s.
-        fuel_lower_bound: no transfer, safe or not, needs less, m/s².
+        fuel_lower_bound: lower bound on the fuel of any transfer, safe or not, m/s².
         optimality_gap: fuel / fuel_lower_bound - 1.
         node_collisions: Eq. 5; by the sizes of participants where these differ.
         min_separation: least distance of any two craft at any time, m; None without a pair.
@@ -277,21 +277,21 @@ class Certificate:
         goal_velocity_error: largest miss of any component of a goal velocity, m/s.
         waypoint_error: largest miss of any component of a waypoint, m, where there are some.
         waypoint_velocity_error: likewise of velocities, m/s.
-        dynamics_error: largest violation of Eq. 2 in position between two nodes, m; of a flight,
-            which states are taken from, 0.
+        dynamics_error: largest violation of Eq. 2 in position between two nodes, m; 0 for a plan
+            as flown, whose states are those of the flight.
         fuel_lower_bound_proof: how the bound is proven, in words.
         risk: the collision risk with errors, in open or closed loop, where a limit was asked for,
             or None.
         passive_safety: how close craft come after a loss of thrust, where that was asked for.
-        craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s. Thrusters along the three axes have to
-            provide it. Earlier files have none.
-        craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s: of one thruster that is pointed.
-        craft_delta_v_thrusters: of each craft, by thrusters of given directions, m/s, where the
-            scenario has some. That of the scenario's kind of thrust sums to delta_v.
-        largest_share: of what a craft has left, where that is to be least, or None.
+        craft_delta_v: of each craft, ΔtΣₜ‖u[t]‖₁, m/s, for thrusters along the three axes. Early
+            files lack it.
+        craft_delta_v_2norm: of each craft, ΔtΣₜ‖u[t]‖₂, m/s, for one thruster that is pointed.
+        craft_delta_v_thrusters: of each craft, for thrusters of given directions, m/s, where the
+            scenario has some. The one for the scenario's kind of thrust sums to delta_v.
+        largest_share: largest share of its Δv that a craft burns, for a fair objective, or None.
         smallest_burn: where burns must reach an impulse bit, or None.
-        clearance: by how much participants are further apart than their sizes ask for, where craft
-            have radii of their own or there are obstacles.
+        clearance: least distance of participants less their sizes, where craft have radii of their
+            own or there are obstacles.
         corridor: how far inside of their corridors craft stay, where there are any.
     """
 
@@ -332,13 +332,12 @@ def certify(
 ) -> list[Certificate]:
     """The certificates of scenarios of one problem, from states and controls of all their craft.
 
-    Bounds are lower bounds on the fuel, m/s², and how they are proven; least shares, where the
-    largest share is to be least, lower bounds on it. Passive safety and risk are
-    looked at only where they are required. Motion is linear, unless flights are given whose nodes
-    the states are.
+    Bounds are lower bounds on the fuel, m/s², and how they are proven; least shares are lower
+    bounds on the largest share, for a fair objective. Passive safety and risk are computed only
+    where they are required. Motion is linear, unless flights are given, with the same node states.
     """
     problem, starts = shared_problem(scenarios), _side_by_side(scenarios).starts
-    flown, pushed = np.split(states, starts[1:]), np.split(controls, starts[1:])
+    flown, burned = np.split(states, starts[1:]), np.split(controls, starts[1:])
     columns = _spending(scenarios, controls, bounds, least_shares)
     columns |= _separations(scenarios, states, controls, flights)
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
@@ -353,14 +352,14 @@ def certify(
     off = [missed(s.waypoints, one, problem) if s.waypoints else (None, None) for s, one in both]
     columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
     in_flights: Sequence[NonlinearFlight | None] = flights or [None] * len(scenarios)
-    columns["corridor"] = list(map(CorridorMargin.of, scenarios, flown, pushed, in_flights))
+    columns["corridor"] = list(map(CorridorMargin.of, scenarios, flown, burned, in_flights))
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
         columns["passive_safety"] = _passive_safety(scenarios, states, controls, orbits, flights)
     if limit is not None:
         refuse_risk(scenarios, closed_loop=limit.closed_loop)
         asked = Risk.asked_for(limit, problem)
-        columns["risk"] = [asked.judge(*part, problem) for part in zip(flown, pushed, strict=True)]
+        columns["risk"] = [asked.judge(*part, problem) for part in zip(flown, burned, strict=True)]
     rows = zip(*columns.values(), strict=True)
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 
@@ -422,7 +421,7 @@ def _separations(
     controls: Controls,
     flights: Sequence[NonlinearFlight],
 ) -> Columns:
-    """How close craft come, at the nodes and at any time, by sizes of participants as well."""
+    """Least separations, at the nodes and at any time, and clearances by sizes of participants."""
     problem = scenarios[0].problem
     linear = partial(_least_separations, states, controls, problem)
     closest, clear = _least(scenarios, linear, flights, NonlinearFlight.separation)
@@ -485,7 +484,7 @@ def gap_of(fuel_used: float, fuel_lower_bound: float, problem: Problem) -> float
 def _least_separations(
     states: States, controls: Controls, problem: Problem, swarms: SwarmPartition
 ) -> list[Separation]:
-    """The least separation of each swarm, in a finer bracket where r_col is inside it."""
+    """The least separation of each swarm, to a finer tolerance where r_col is within the first."""
     flown, radius = (states, controls, problem, swarms), problem.collision_radius
     closest = least_separations(*flown)
     unsure = [k for k, apart in enumerate(closest) if apart.bound <= radius < apart.distance]

@@ -1,4 +1,4 @@
-"""plan.json (schema prolearn.plan/2): a plan with the scenario that it is for, written and read."""
+"""plan.json (schema prolearn.plan/2): a plan with its scenario, written and read."""
 
 import math
 from dataclasses import asdict, fields
@@ -21,7 +21,7 @@ from pipeline.scenario.orbit_document import OrbitDocument
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
-# Claims of a certificate that are there where they were asked for, or where sizes differ
+# Fields of a certificate that are left out where they do not apply
 OPTIONAL = (
     *("risk", "passive_safety", "largest_share", "smallest_burn", "craft_delta_v_thrusters"),
     *("clearance", "corridor", "waypoint_error", "waypoint_velocity_error"),
@@ -79,7 +79,7 @@ class PlanDocument(BaseModel):
     @field_validator("certificate", mode="before")
     @classmethod
     def _written_out(cls, given: Any) -> Any:
-        """JSON has no infinity; early files do not say by which velocity the goal is missed."""
+        """Restore an infinite gap, null in JSON, and goal_velocity_error, absent in old files."""
         if not isinstance(given, dict):
             return given
         gap = {"optimality_gap": math.inf} if given.get("optimality_gap", 0) is None else {}

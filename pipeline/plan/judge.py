@@ -1,4 +1,4 @@
-"""From controls to a plan: flown, certified and judged, whichever planner they come from."""
+"""From a planner's controls to a plan: propagation, certificate and status, for all planners."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
 
-# What a craft does that is beyond its limits
+# Violations of thrust limits, in words
 EXCEEDS = {
     "max_acceleration": "uses more than its max_acceleration",
     "max_acceleration_norm": "uses more than its max_acceleration_norm",
@@ -30,49 +30,49 @@ VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding,
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
-    """A planner's controls for a scenario, before they are flown and judged."""
+class Draft:
+    """A planner's controls for a scenario, before propagation and certificate."""
 
     controls: Controls  # m/s²
     fuel_lower_bound: float  # sum of the decoupled optima, m/s²
     proof: str = ""  # of that bound, in words
     convex_solves: int = 0  # joint convex programs that it took
     timing: Mapping[str, float] = field(default_factory=dict)  # seconds by stage
-    least_share: float = 0.0  # lower bound on the largest share, where that is to be least
+    least_share: float = 0.0  # lower bound on the largest share, for a fair objective
 
 
-def planned_all(
+def certified_plans(
     planner: str,
     scenarios: Sequence[Scenario],
-    made: Sequence[Made],
+    drafts: Sequence[Draft],
     requirements: Requirements = AT_ALL_TIMES,
     *,
     as_flown: bool = False,
 ) -> list[Plan]:
     """The plans of a planner's controls for scenarios of one problem, with their status.
 
-    As flown, they are flown about the problem's reference orbit; else motion is linear.
+    ``as_flown``, motion is nonlinear about the problem's reference orbit; else it is linear.
     """
     if not scenarios:
         return []
     started, problem = perf_counter(), shared_problem(scenarios)
-    controls = np.concatenate([one.controls for one in made])
+    controls = np.concatenate([one.controls for one in drafts])
     flights = []
     if as_flown:
-        both = zip(scenarios, made, strict=True)
+        both = zip(scenarios, drafts, strict=True)
         flights = [NonlinearFlight(s.initial, one.controls, problem) for s, one in both]
         states = np.concatenate([flight.states for flight in flights])
     else:
         controls = with_coasts(controls, problem)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
-    bounds = [(one.fuel_lower_bound, one.proof) for one in made]
-    shares = [one.least_share for one in made]
+    bounds = [(one.fuel_lower_bound, one.proof) for one in drafts]
+    shares = [one.least_share for one in drafts]
     certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
     ends = np.cumsum([s.n for s in scenarios])[:-1]
     parts = np.split(states, ends), np.split(controls, ends), certificates
     plans = []
-    for scenario, one, flown, burned, certificate in zip(scenarios, made, *parts, strict=True):
+    for scenario, one, flown, burned, certificate in zip(scenarios, drafts, *parts, strict=True):
         plan = Plan(
             scenario=scenario,
             planner=planner,
@@ -85,24 +85,24 @@ def planned_all(
             separation=requirements.separation,
             as_flown=as_flown,
         )
-        plans.append(judged(plan))
+        plans.append(with_status(plan))
     return plans
 
 
-def planned(
+def certified_plan(
     planner: str,
     scenario: Scenario,
-    made: Made,
+    draft: Draft,
     requirements: Requirements = AT_ALL_TIMES,
     *,
     as_flown: bool = False,
 ) -> Plan:
-    """The plan of one scenario, as in ``planned_all``."""
-    return planned_all(planner, [scenario], [made], requirements, as_flown=as_flown)[0]
+    """The plan of one scenario, as in ``certified_plans``."""
+    return certified_plans(planner, [scenario], [draft], requirements, as_flown=as_flown)[0]
 
 
-def judged(plan: Plan) -> Plan:
-    """The plan with its status by its certificate and controls, and why it is not SOLVED."""
+def with_status(plan: Plan) -> Plan:
+    """The plan with the status that its certificate and controls give, and the reason for it."""
     wrong = violations(plan)
     if "goal" in wrong:
         return replace(plan, status=UNSOLVED, message=wrong["goal"])
@@ -110,7 +110,7 @@ def judged(plan: Plan) -> Plan:
 
 
 def violations(plan: Plan) -> dict[str, str]:
-    """What a plan does not satisfy, in words, by requirement; NaN satisfies nothing."""
+    """Violated requirements of a plan by name, in words; NaN violates any."""
     wrong, found, problem = {}, plan.certificate, plan.scenario.problem
     radius, limit, limits = problem.collision_radius, problem.max_acceleration, plan.scenario.limits
     used = np.abs(plan.controls).max()
@@ -176,9 +176,9 @@ def _too_close_adrift(drift: PassiveSafety, problem: Problem) -> str:
 def is_safe(
     certificate: Certificate, problem: Problem, requirements: Requirements = AT_ALL_TIMES
 ) -> bool:
-    """Whether no pair comes within the collision radius, or too close by sizes where these differ.
+    """Whether all pairs stay apart by the collision radius, or by their sizes where these differ.
 
-    At any time, or at the nodes only, as is required.
+    At all times, or at the nodes only, as required.
     """
     clear = certificate.clearance
     if requirements.at_nodes or (clear is None and certificate.min_separation_bound is None):
@@ -189,14 +189,14 @@ def is_safe(
 
 
 def is_passively_safe(drift: PassiveSafety, radius: float) -> bool:
-    """Whether no craft comes within the collision radius, or too close by size, adrift."""
+    """Whether all pairs stay apart, by the collision radius or sizes, after a loss of thrust."""
     if drift.clearance is not None:
         return drift.clearance.min_clearance_bound > 0
     return drift.pair is None or (drift.min_separation_bound or 0.0) > radius
 
 
 def check_states(plan: Plan) -> None:
-    """Refuse a plan whose states start elsewhere or break the dynamics with an InputError."""
+    """Refuse a plan with wrong initial states, or that break the dynamics, with an InputError."""
     problem, initial = plan.scenario.problem, plan.scenario.initial
     if plan.as_flown:
         defect = plan.states - NonlinearFlight(initial, plan.controls, problem).states

@@ -1,4 +1,4 @@
-"""A plan, its status, and its summary in a line."""
+"""A plan, its status, and its summary."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -17,12 +17,12 @@ from pipeline.scenario import Scenario
 SOLVED = "solved"  # dynamics, both ends in all six components, thrust limit and separation all hold
 UNSAFE = "unsafe"  # flies to the goal, but misses what is required; the message says what
 # Proven: some craft cannot reach its goal, a pair is too close at an end, the only controls there
-# are bring craft together, or a craft is in the way of another after a loss of thrust, whatever is
-# planned; the message says which
+# are bring craft together, or a craft comes too close to another after a loss of thrust, whatever
+# the plan; the message says which
 INFEASIBLE = "infeasible"
 UNSOLVED = "unsolved"  # no safe plan and no proof that there is none; the message says why
-WITHOUT_GAP = frozenset({INFEASIBLE, UNSOLVED})  # no plan that solves it: none has a gap
-# Fields of the certificate that a summary has
+WITHOUT_GAP = frozenset({INFEASIBLE, UNSOLVED})  # statuses without a plan that has a gap
+# Fields of the certificate in a summary
 SUMMARY = (
     *("fuel", "delta_v", "craft_delta_v", "craft_delta_v_2norm", "fuel_lower_bound"),
     *("min_separation", "min_separation_pair", "min_separation_time"),
@@ -41,11 +41,11 @@ class Assignment:
         slots: of each craft, the row of the scenario's given goals that it takes.
         rank: its place among all assignments by the sum of decoupled optima, from 1; None where the
             given order was taken without being among those looked at.
-        tried: assignments that were planned.
-        given_fuel_lower_bound: what any plan for the given order burns at least, m/s²; None where
-            it is proven that some craft cannot reach its given goal within the thrust limit.
-        saving: share of that fuel which the plan saves, so at least as much against any plan for
-            the given order; None where there is no such bound or no plan to fly.
+        tried: number of assignments that were planned.
+        given_fuel_lower_bound: lower bound on the fuel of any plan for the given order, m/s²; None
+            where some craft provably cannot reach its given goal within the thrust limit.
+        saving: share of that bound which the plan saves, at least as much as against any plan for
+            the given order; None where there is no such bound or no safe plan.
     """
 
     slots: tuple[int, ...]
@@ -57,20 +57,20 @@ class Assignment:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """What each craft of a scenario is to do.
+    """States and controls of each craft of a scenario, with certificate and status.
 
     Attributes:
-        scenario: what it is for; its goals in the order of the assignment, where there is one.
+        scenario: the one planned; its goals in the order of the assignment, where there is one.
         planner: name of the planner.
         status: SOLVED, UNSAFE, INFEASIBLE or UNSOLVED.
         states: node states, m and m/s.
         controls: accelerations held over each interval, m/s².
         certificate: cost, bound and separation.
-        convex_solves: joint convex programs that it took.
+        convex_solves: number of joint convex programs solved for it.
         timing: seconds by stage; "plan" is from scenario to controls.
         message: why, where the status is not SOLVED.
-        assignment: who takes which of the given goals, where that was chosen.
-        separation: when craft were to be kept apart: at all times, or at the nodes only.
+        assignment: which craft takes which of the given goals, where that was chosen.
+        separation: when craft had to be kept apart: at all times, or at the nodes only.
         as_flown: whether states and certificate are of the nonlinear flight about the problem's
             reference orbit, or of linear motion.
     """
@@ -89,7 +89,7 @@ class Plan:
     as_flown: bool = False
 
     def __repr__(self) -> str:
-        """Who made it, its status, cost and closest approach; without the arrays."""
+        """Planner, status, cost and closest approach; without the arrays."""
         found = self.certificate
         gap = f", gap {self.optimality_gap:z.2%}" if isfinite(self.optimality_gap) else ""
         said = [f"{self.scenario.n} craft by {self.planner}, {self.status}"]
@@ -107,15 +107,15 @@ class Plan:
 
     @property
     def requirements(self) -> Requirements:
-        """What was asked of its flight without errors; the certificate has the limit of a risk."""
+        """Requirements on its flight without errors; a risk limit is in the certificate."""
         drifting = self.certificate.passive_safety
         return Requirements(self.separation, None if drifting is None else drifting.orbits)
 
 
 def summary(plan: Plan) -> dict[str, Any]:
-    """A plan in a line: SI units; ``seconds`` is the time that plan and proof took.
+    """Main figures of a plan, SI units; ``seconds`` is the time that plan and certificate took.
 
-    Of a plan that is UNSOLVED or INFEASIBLE ``optimality_gap`` is None.
+    ``optimality_gap`` is None for an UNSOLVED or INFEASIBLE plan.
     """
     found = plan.certificate
     claims = {name: getattr(found, name) for name in SUMMARY}

@@ -1,4 +1,4 @@
-"""A plan as read from a file, flown, certified and judged anew: no claim of it is believed."""
+"""Check of a plan from a file: its controls are propagated and certified anew."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,14 +12,14 @@ from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import FAR
 from pipeline.plan.certificate import Certificate
-from pipeline.plan.judge import POSITION_TOLERANCE, Made, planned, violations
+from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan, violations
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import refuse_risk
 from pipeline.scenario.scenario import FURTHEST
 
-RELATIVE = 1e-6  # share by which a claimed cost may differ from the one found anew
-SAME_RISK = 1e-2  # share by which a claimed risk may be below ours: its quadrature is so exact
-# Claims that must be what is found, with their units
+RELATIVE = 1e-6  # share by which a claimed cost may differ from the recomputed one
+SAME_RISK = 1e-2  # share by which a claimed risk may be below ours: accuracy of the quadrature
+# Claims that must equal the recomputed value, with their units
 SAME = {
     "fuel": " m/s²",
     "delta_v": " m/s",
@@ -31,42 +31,44 @@ SAME = {
 }
 # Claims of each craft, m/s, which may differ by a share of the Δv of all craft
 OF_CRAFT = ("craft_delta_v", "craft_delta_v_2norm", "craft_delta_v_thrusters")
-# Least distances that may not be claimed larger than they are found, nor may the bounds below them
+# Least distances that may not be claimed larger than recomputed, nor may their lower bounds
 DISTANCES = (
     *("min_separation", "passive_safety.min_separation", "clearance.min_clearance"),
     *("corridor.min_margin", "passive_safety.clearance.min_clearance"),
 )
 BOUNDS = ("fuel_lower_bound", "largest_share.bound")  # of all plans that keep to goals and limits
 
-FalseClaim = tuple[str, float, float, str]  # a field, what a file claims, what is found, and unit
+FalseClaim = tuple[str, float, float, str]  # a field, value claimed, value found, and unit
 
 
 @dataclass(frozen=True, eq=False)
 class Rechecked:
-    """A plan as found anew from its controls, and what is wrong with it."""
+    """A plan recomputed from its controls, and the faults of the one in the file."""
 
-    plan: Plan  # found anew, but for the lower bound on the fuel and its proof
+    plan: Plan  # recomputed, but for the lower bound on the fuel and its proof
     safe: bool  # whether craft stay apart and inside corridors, as far as asked or claimed
-    faults: tuple[str, ...]  # what is wrong with it, in sentences; empty where it is solved
+    faults: tuple[str, ...]  # in sentences; empty for a solved plan whose claims hold
 
 
 def recheck(claimed: Plan) -> Rechecked:
     """Fly a plan's controls from its scenario's initial states and certify the outcome.
 
-    InputError for controls too large for numbers, and for claims that no planner can be asked for.
+    InputError for controls too large to compute with, and for a risk that cannot be required.
     """
-    problem, said = claimed.scenario.problem, claimed.certificate
+    problem, claims = claimed.scenario.problem, claimed.certificate
     most = float(np.abs(claimed.controls).max())
     if not most * problem.duration**2 <= FURTHEST:  # arithmetic has no meaning there
         raise InputError(
             f"the controls reach {most:.3g} m/s², which leads beyond "
             f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
         )
-    bound = said.fuel_lower_bound, said.fuel_lower_bound_proof
-    share = said.largest_share.bound if said.largest_share else 0.0
-    made = Made(claimed.controls, *bound, claimed.convex_solves, least_share=share)
+    bound = claims.fuel_lower_bound, claims.fuel_lower_bound_proof
+    share = claims.largest_share.bound if claims.largest_share else 0.0
+    draft = Draft(claimed.controls, *bound, claimed.convex_solves, least_share=share)
     scenario, requirements = claimed.scenario, claimed.requirements
-    flown = planned(claimed.planner, scenario, made, requirements, as_flown=claimed.as_flown)
+    flown = certified_plan(
+        claimed.planner, scenario, draft, requirements, as_flown=claimed.as_flown
+    )
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -79,17 +81,17 @@ def recheck(claimed: Plan) -> Rechecked:
     found = flown.certificate
     wrong = violations(flown).keys()
     unsafe = wrong & {"separation", "passive safety", "corridor"}
-    if said.risk is not None:
-        refuse_risk([claimed.scenario], closed_loop=said.risk.feedback is not None)
-        # By the errors that the file says.
-        found = replace(found, risk=said.risk.judge(flown.states, flown.controls, problem))
-    if said.smallest_burn and found.smallest_burn:  # what the planner says of a plan without it
-        without = said.smallest_burn.fuel_without
+    if claims.risk is not None:
+        refuse_risk([claimed.scenario], closed_loop=claims.risk.feedback is not None)
+        # With the errors named in the file
+        found = replace(found, risk=claims.risk.judge(flown.states, flown.controls, problem))
+    if claims.smallest_burn and found.smallest_burn:  # only the planner knows the plan without it
+        without = claims.smallest_burn.fuel_without
         found = replace(found, smallest_burn=replace(found.smallest_burn, fuel_without=without))
     faults += [
         f"The file claims {name} {theirs:.6g}{unit.removesuffix(' at most')}, its controls give "
         f"{ours:.6g}{unit}"
-        for name, theirs, ours, unit in _false_claims(said, found, problem)
+        for name, theirs, ours, unit in _false_claims(claims, found, problem)
         # A plan that misses goals or limits may burn less than all that keep to them.
         if name not in BOUNDS or not wrong & {"goal", "waypoints", "thrust"}
     ]
@@ -97,35 +99,41 @@ def recheck(claimed: Plan) -> Rechecked:
     return Rechecked(plan, not unsafe, tuple(fault.rstrip(".") + "." for fault in faults))
 
 
-def _false_claims(said: Certificate, found: Certificate, problem: Problem) -> Iterator[FalseClaim]:
-    """Claims that the controls do not bear out, or NaN, with both values and the unit."""
-    yield from _false_spending(said, found)
+def _false_claims(
+    claims: Certificate, found: Certificate, problem: Problem
+) -> Iterator[FalseClaim]:
+    """Claims that the controls contradict, or NaN, with both values and the unit."""
+    yield from _false_spending(claims, found)
     for name in (part for least in DISTANCES for part in (least, f"{least}_bound")):
-        theirs, ours = (_field(one, name) for one in (said, found))
+        theirs, ours = (_field(one, name) for one in (claims, found))
         if theirs is not None and ours is not None and not theirs <= ours + 2 * TOLERANCE:
             yield name, theirs, ours, " m"
-    if said.largest_share and found.largest_share:
-        bound, share = said.largest_share.bound, found.largest_share.share
+    if claims.largest_share and found.largest_share:
+        bound, share = claims.largest_share.bound, found.largest_share.share
         if not bound <= share * (1 + RELATIVE):
             yield "largest_share.bound", bound, share, " at most"
-    if not said.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
-        yield "fuel_lower_bound", said.fuel_lower_bound, found.fuel, " m/s² at most"
-    if said.risk and found.risk and not found.risk.bound <= said.risk.bound * (1 + SAME_RISK) + FAR:
-        yield "risk.bound", said.risk.bound, found.risk.bound, ""
+    if not claims.fuel_lower_bound <= found.fuel * (1 + RELATIVE) + problem.negligible_fuel:
+        yield "fuel_lower_bound", claims.fuel_lower_bound, found.fuel, " m/s² at most"
+    if (
+        claims.risk
+        and found.risk
+        and not found.risk.bound <= claims.risk.bound * (1 + SAME_RISK) + FAR
+    ):
+        yield "risk.bound", claims.risk.bound, found.risk.bound, ""
 
 
-def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClaim]:
-    """Claims of what is burned, by the swarm and by each craft, and of collisions at nodes."""
+def _false_spending(claims: Certificate, found: Certificate) -> Iterator[FalseClaim]:
+    """False claims on fuel and Δv of swarm and craft, and on collisions at nodes."""
     for name, unit in SAME.items():
         whole = name.partition(".")[0]
         if getattr(found, whole) is not None:
             # A claim that is missing is NaN, and the least of no burns 0.
-            theirs = nan if getattr(said, whole) is None else _field(said, name) or 0.0
+            theirs = nan if getattr(claims, whole) is None else _field(claims, name) or 0.0
             ours = _field(found, name) or 0.0
             if not abs(theirs - ours) <= RELATIVE * abs(ours):
                 yield name, theirs, ours, unit
     for name in OF_CRAFT:
-        both = zip(getattr(said, name), getattr(found, name), strict=False)
+        both = zip(getattr(claims, name), getattr(found, name), strict=False)
         for k, (theirs, ours) in enumerate(both):
             if not abs(theirs - ours) <= RELATIVE * found.delta_v:
                 yield f"{name}[{k}]", theirs, ours, " m/s"
@@ -133,7 +141,7 @@ def _false_spending(said: Certificate, found: Certificate) -> Iterator[FalseClai
 
 
 def _field(certificate: Certificate, name: str) -> Any:
-    """A field by its name, parts of which dots separate; None where a part is not there."""
+    """The field with a dotted name; None where a part of it is missing."""
     found: Any = certificate
     for part in name.split("."):
         found = getattr(found, part, None)

@@ -13,9 +13,9 @@ from pipeline.scenario import Scenario
 # When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)
 Separation = Literal["continuous", "nodes"]
 
-MOST_ORBITS = 100.0  # longest drift; over so many orbits linear motion says little of the real
+MOST_ORBITS = 100.0  # longest drift; the linear model is no longer accurate over so many orbits
 LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
-# Sigmas of a limit on the risk, each with the error whose range is its own
+# Sigmas of a risk limit, each with the error of ``Uncertainty`` whose range it has
 SIGMAS = {
     "navigation_sigma": "position",
     "thrust_sigma": "magnitude",
@@ -79,16 +79,16 @@ class RiskLimit:
 
 @dataclass(frozen=True)
 class Requirements:
-    """What is asked of a plan; collision radius and thrust limit are the problem's.
+    """What a plan must satisfy besides the collision radius and thrust limits of its problem.
 
     The certificate shows what a plan does not satisfy, and its status says so.
 
     Attributes:
         separation: keep craft apart at all times or at the nodes only.
-        passive_safety: also for so many orbits after any one of them has lost its thrust at a
-            node, or None.
-        risk: also with a collision risk of at most a limit when craft err, in open or closed
-            loop, or None.
+        passive_safety: number of orbits for which craft also stay apart after any one of them has
+            lost its thrust at a node, or None.
+        risk: also keep the collision risk with errors, in open or closed loop, below a limit, or
+            None.
     """
 
     separation: Separation = "continuous"
@@ -127,7 +127,7 @@ class Requirements:
 
     @property
     def nominal(self) -> "Requirements":
-        """What is asked of the flight without errors."""
+        """The requirements on the flight without errors."""
         return replace(self, risk=None)
 
 
@@ -139,9 +139,9 @@ AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 
 
 def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> None:
-    """Raise InputError for a limit on the risk where sizes differ, or there are corridors.
+    """Raise InputError for scenarios that no risk limit is possible for: with sizes or corridors.
 
-    In closed loop also where there are other limits of thrust, or waypoints.
+    In closed loop also for those with further thrust limits, or waypoints.
     """
     if closed_loop and any(one.limits is not None for one in scenarios):
         raise InputError(

@@ -1,1 +1,1 @@
-"""Planners: whatever turns scenarios into plans, and the names they go by."""
+"""Planners, which turn scenarios into plans, and their names."""

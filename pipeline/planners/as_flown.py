@@ -1,10 +1,10 @@
 """Plans made for the nonlinear flight about a reference orbit, by any planner.
 
-The planner plans in the linear time-varying model about that orbit, and its controls are flown in
-all terms of gravity, J2 and drag. What is missed at goals and waypoints is of second order in the
-size of the swarm; small changes of the burns make up for it, in two or three steps of Newton's
-method. So coasts stay coasts, and active constraints stay active. Where much is missed, as by
-differential drag, and where craft come too close or leave a corridor, it plans again.
+The planner plans in the linear time-varying model about that orbit, and its controls are flown
+with the full equations of gravity, J2 and drag. The miss of goals and waypoints is of second order
+in the size of the swarm; small changes of the burns correct it, in two or three steps of Newton's
+method. So coasts stay coasts, and active constraints stay active. Where the miss is large, as by
+differential drag, or craft come too close or leave a corridor, it plans again.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,16 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.transfer import COAST, fly
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Made, Plan, Requirements, planned
+from pipeline.plan import (
+    INFEASIBLE,
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    Draft,
+    Plan,
+    Requirements,
+    certified_plan,
+)
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import PlannerWrapper
@@ -35,13 +44,13 @@ from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft, passed_at
 
-MOST_CORRECTIONS = 8  # steps; each leaves about the square of what was missed
-GOAL_TOLERANCE = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that is left as it is, m and m/s
+MOST_CORRECTIONS = 8  # steps of Newton's method, which converges quadratically
+GOAL_TOLERANCE = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that is not corrected, m and m/s
 LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corrections have the rest
-WIDENING = 1.5  # times the shortfall of separation or in corridors, asked for in the next plan
-RISK_WIDENING = 0.05  # more separation asked for where the risk is too large as flown, m
-MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound, before it is planned again
-MOST_PLANS = 4  # plans that are asked for
+WIDENING = 1.5  # factor on a shortfall of separation or corridor margin, for the next plan
+RISK_WIDENING = 0.05  # separation added where the risk is too large as flown, m
+MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound; beyond it plans are made anew
+MOST_PLANS = 4  # plans that are made at most, the first included
 
 PROOF = "{}, about the flight, to first order"
 
@@ -52,14 +61,14 @@ Waypoints = tuple[Waypoint, ...]
 class AsFlown(PlannerWrapper):
     """A planner whose plans satisfy what is required in the nonlinear flight."""
 
-    orbit: ReferenceOrbit | None = None  # or that of each scenario
+    orbit: ReferenceOrbit | None = None  # None for that of each scenario
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, about the reference orbit."""
         if not scenarios:
             return []
         asked = [self._about(one) for one in scenarios]
-        plans = self.planner.plan([_eased(one) for one in asked])
+        plans = self.planner.plan([_tightened(one) for one in asked])
         return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:
@@ -88,8 +97,8 @@ class AsFlown(PlannerWrapper):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear
             if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
                 break
-            more += WIDENING * np.array([_missing(plan), _outside(plan)])
-            linear = self._again(plan, linear, passed, more)
+            more += WIDENING * np.array([_separation_shortfall(plan), _corridor_shortfall(plan)])
+            linear = self._replanned(plan, linear, passed, more)
             solves += linear.convex_solves
             if linear.status == SOLVED:
                 plan = _corrected(scenario, linear, self.requirements, passed)
@@ -98,17 +107,17 @@ class AsFlown(PlannerWrapper):
         timing = {**best.timing, "plan": planning + spent}
         return replace(best, convex_solves=solves, timing=timing)
 
-    def _again(self, plan: Plan, linear: Plan, passed: Waypoints, more: Values) -> Plan:
-        """A new linear plan with more room, m, for goals shifted by what a flight adds.
+    def _replanned(self, plan: Plan, linear: Plan, passed: Waypoints, more: Values) -> Plan:
+        """A new linear plan with more separation and margin, m, for goals shifted by the flight.
 
-        For the goals themselves where none is found; who goes where and when stays as it is.
+        For the goals themselves where none is found. Assignment and waypoint times are kept.
         """
         planner = self.planner
         if isinstance(planner, GoalAssignment):
             planner = planner.planner
         asked, solves = replace(plan.scenario, waypoints=passed), 0
-        for one in (_as_linear(asked, plan.controls, plan.states), asked):
-            (found,) = planner.plan([_eased(one, *more.tolist())])
+        for one in (_shifted_to_linear(asked, plan.controls, plan.states), asked):
+            (found,) = planner.plan([_tightened(one, *more.tolist())])
             solves += found.convex_solves
             if found.status == SOLVED:
                 break
@@ -131,32 +140,32 @@ def _passed(linear: Plan) -> Waypoints:
     return tuple(replace(one, time=node * problem.time_step) for node, one in both)
 
 
-def _as_linear(scenario: Scenario, controls: Controls, states: States) -> Scenario:
-    """The scenario with goals and waypoints shifted by what a flight adds to linear motion."""
+def _shifted_to_linear(scenario: Scenario, controls: Controls, states: States) -> Scenario:
+    """The scenario with goals and waypoints less the deviation of a flight from linear motion."""
     problem = scenario.problem
-    left_out = states - fly(scenario.initial, controls, problem)
+    deviation = states - fly(scenario.initial, controls, problem)
     waypoints = []
     for one in scenario.waypoints:
         state = np.concatenate([one.position, one.velocity or (0.0,) * 3])
-        state -= left_out[one.craft, one.node(problem)]
+        state -= deviation[one.craft, one.node(problem)]
         x, y, z, *velocity = state.tolist()
         faster = None if one.velocity is None else tuple(velocity)
         waypoints.append(replace(one, position=(x, y, z), velocity=faster))
-    return replace(scenario, goal=scenario.goal - left_out[:, -1], waypoints=tuple(waypoints))
+    return replace(scenario, goal=scenario.goal - deviation[:, -1], waypoints=tuple(waypoints))
 
 
-def _eased(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
+def _tightened(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
     """The scenario with separation and corridors tightened, m, and thrust limits a little lower."""
     scenario = scenario.wider(wider, inside)
-    eased = replace(_less(scenario.problem), thrust=_less(scenario.problem.thrust))
-    return replace(scenario, problem=eased, craft=tuple(map(_less, scenario.craft)))
+    eased = replace(_lower_limits(scenario.problem), thrust=_lower_limits(scenario.problem.thrust))
+    return replace(scenario, problem=eased, craft=tuple(map(_lower_limits, scenario.craft)))
 
 
 Limited = TypeVar("Limited", Problem, Thrust, Spacecraft)
 
 
-def _less(given: Limited) -> Limited:
-    """The same with slightly lower limits, and a slightly larger least burn."""
+def _lower_limits(given: Limited) -> Limited:
+    """The same with slightly lower thrust limits, and a slightly larger smallest burn."""
     limits = "max_acceleration", "max_acceleration_norm", "delta_v"
     share = {**dict.fromkeys(limits, LIMIT_SHARE), "min_delta_v": 1 / LIMIT_SHARE}
     values = {name: getattr(given, name, None) for name in share}
@@ -164,8 +173,8 @@ def _less(given: Limited) -> Limited:
     return replace(given, **eased)
 
 
-def _missing(plan: Plan) -> float:
-    """Shortfall of the least separation in a flight, m; 0 where the plan fails otherwise."""
+def _separation_shortfall(plan: Plan) -> float:
+    """Shortfall of the least separation in a flight, m; 0 where there is none."""
     found, radius = plan.certificate, plan.scenario.problem.collision_radius
     least, drift = found.min_separation_bound, found.passive_safety
     if plan.requirements.at_nodes:
@@ -180,7 +189,7 @@ def _missing(plan: Plan) -> float:
     return max(close) + 1e-3 if close else 0.0
 
 
-def _outside(plan: Plan) -> float:
+def _corridor_shortfall(plan: Plan) -> float:
     """How far a craft leaves its corridor in a flight, m; 0 where none does."""
     found = plan.certificate.corridor
     return 0.0 if found is None or found.min_margin_bound > 0 else 1e-3 - found.min_margin_bound
@@ -193,9 +202,9 @@ def _corrected(
     scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     timed = replace(scenario, waypoints=passed)
     try:
-        controls, states = _meeting(timed, linear.controls)
-        made = _made(timed, controls, states, linear)
-        plan = planned(linear.planner, scenario, made, requirements, as_flown=True)
+        controls, states = _differentially_corrected(timed, linear.controls)
+        made = _draft(timed, controls, states, linear)
+        plan = certified_plan(linear.planner, scenario, made, requirements, as_flown=True)
     except ProlearnError as error:
         why = f"as flown: {error}".removesuffix(".")
         return replace(linear, scenario=scenario, status=UNSOLVED, message=why)
@@ -213,13 +222,13 @@ def _corrected(
     return replace(plan, status=UNSOLVED, message=why)
 
 
-def _meeting(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
-    """Differential correction: controls, and node states of their flight, that meet the goals.
+def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
+    """Controls, and node states of their flight, corrected to meet goals and waypoints.
 
-    Waypoints too. The controls that miss least where corrections do not reach POSITION_TOLERANCE.
+    Where that fails to reach POSITION_TOLERANCE, the controls with the least miss.
     """
     problem, at = scenario.problem, _arrivals(scenario)
-    tried: list[tuple[float, Controls, States]] = []  # with what is missed, in GOAL_TOLERANCE
+    tried: list[tuple[float, Controls, States]] = []  # with the miss over GOAL_TOLERANCE
     while len(tried) <= MOST_CORRECTIONS:
         try:
             states = NonlinearFlight(scenario.initial, controls, problem).states
@@ -232,14 +241,14 @@ def _meeting(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:
         tried.append((off, controls, states))
         if off <= 1:
             break
-        controls = _changed(controls, miss, at, problem, scenario.limits)
+        controls = _corrected_controls(controls, miss, at, problem, scenario.limits)
     if tried[-1][0] > POSITION_TOLERANCE / GOAL_TOLERANCE[0]:
         tried.sort(key=lambda one: -one[0])
     return tried[-1][1:]
 
 
 def _arrivals(scenario: Scenario) -> Arrivals:
-    """Where craft must be, where all waypoints have times."""
+    """The constraints of goals and waypoints, all of which have times."""
     problem, passed = scenario.problem, {}
     for craft, some in of_craft(scenario.waypoints).items():
         (nodes,) = choices_of(some, problem)
@@ -247,35 +256,35 @@ def _arrivals(scenario: Scenario) -> Arrivals:
     return arrivals_of(scenario.initial, scenario.goal, problem, passed)
 
 
-def _made(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Made:
-    """The controls of a flight, with the bound of linear programs about it."""
-    # Where goals or times were chosen, the bound of all choices changes as this one's does.
+def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Draft:
+    """The controls of a flight, with a fuel bound of linear programs about that flight."""
+    # Where goals or times were chosen, the bound over all choices changes by as much as this.
     try:
-        shifted = _as_linear(scenario, controls, states)
-    except InputError as error:  # it is beyond where scenarios are
+        shifted = _shifted_to_linear(scenario, controls, states)
+    except InputError as error:  # beyond the largest position of a scenario
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
     found, batch = linear.certificate, Batch([shifted], arrivals=_arrivals(shifted))
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        eased = _eased(scenario)
+        eased = _tightened(scenario)
         change = bound - Batch([eased], arrivals=_arrivals(eased)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     least, timing = batch.least_share(batch.craft[0]), {"plan": linear.timing.get("plan", 0.0)}
-    return Made(controls, bound, PROOF.format(proof), linear.convex_solves, timing, least)
+    return Draft(controls, bound, PROOF.format(proof), linear.convex_solves, timing, least)
 
 
-def _changed(
+def _corrected_controls(
     controls: Controls,
     miss: Float[Array, "n r"],
     at: Arrivals,
     problem: Problem,
     limits: Limits | None,
 ) -> Controls:
-    """Controls corrected, to first order, for a small miss of where craft arrive, m and m/s.
+    """Controls corrected, to first order, for a small miss of goals and waypoints, m and m/s.
 
-    By least squares in the burns that are there and not at the limit; where those cannot, by least
-    fuel, or, with limits of each craft, in all burns that may be.
+    By least squares in the burns that are not at the limit; where those do not suffice, by least
+    fuel or, with limits of each craft, in all intervals with burns allowed.
     """
     size, limit = np.abs(controls), problem.max_acceleration
     free = size > COAST * np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
@@ -295,7 +304,7 @@ def _changed(
 def _least_change(
     free: Bool[Array, "n intervals 3"], miss: Float[Array, "n r"], at: Arrivals
 ) -> tuple[Float[Array, "n m"], CraftMask]:
-    """Least squares of what is added to free components, and of which craft that is too little."""
+    """Least-squares changes of free components, and the craft for which they do not suffice."""
     columns = (at.weight[:, None] * at.reach) * free.reshape(len(free), 1, -1)
     columns *= at.asked[..., None]
     wanted = at.weight * miss

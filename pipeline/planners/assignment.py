@@ -15,7 +15,7 @@ from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.scenario import Scenario
 
-# How costs are proven of which some need a program
+# Proof of costs some of which need a linear program
 BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit"
 ROUNDING = 1e-12  # share of a cost by which its bound may be off
 
@@ -24,7 +24,7 @@ Slots = tuple[int, ...]  # of each craft, the goal that it takes
 
 @dataclass(frozen=True, eq=False)
 class DecoupledCosts:
-    """Fuel that every craft needs at least for every goal."""
+    """Lower bounds on the fuel of each craft to each goal, without the other craft."""
 
     # proven lower bounds, craft by goal, m/s²; infinite where it is proven that the craft cannot
     # reach the goal within the thrust limit. They are attained by the decoupled optima of the given
@@ -40,10 +40,10 @@ class DecoupledCosts:
 def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     """The costs of all craft and goals of a scenario.
 
-    All come from the table at once. Where its optimum breaks the thrust limit, what it needs is
-    still a lower bound, and a linear program finds the true cost, or that there is none: for the
-    given order, and for each assignment that is best by what is known, until all costs of the best
-    one are true. So few of the n² programs are solved.
+    A table gives all at once. Where its optimum breaks the thrust limit, its fuel is still a lower
+    bound, and a linear program finds the exact cost, or that there is none: for the given order,
+    and for the best assignment by the costs so far, until all costs of the best one are exact. So
+    only few of the n² programs are solved.
     """
     n, problem = scenario.n, scenario.problem
     initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
@@ -55,22 +55,22 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
         bounds = np.where(optima.impossible, np.inf, optima.lower_bound)
         return DecoupledCosts(bounds.reshape(n, n), PROGRAM)
     within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
-    fuel, true = found.bound.reshape(n, n), (found.exact & within).reshape(n, n)
+    fuel, exact = found.bound.reshape(n, n), (found.exact & within).reshape(n, n)
     proof, asked = TABLE, tuple(range(n))
     while asked:
-        craft = np.flatnonzero(~true[range(n), asked])
+        craft = np.flatnonzero(~exact[range(n), asked])
         if len(craft):
             goals = np.array(asked)[craft]
             optima = decoupled_optima(scenario.initial[craft], scenario.goal[goals], problem)
             fuel[craft, goals] = np.where(optima.impossible, np.inf, optima.lower_bound)
-            true[craft, goals], proof = True, BOTH
+            exact[craft, goals], proof = True, BOTH
         best = next(ranked(fuel), ())
-        asked = () if true[range(len(best)), best].all() else best
+        asked = () if exact[range(len(best)), best].all() else best
     return DecoupledCosts(fuel, proof)
 
 
 def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
-    """The costs where thrust is more than axes with one limit, or craft pass waypoints."""
+    """The costs with further limits of thrust than max_acceleration, or with waypoints."""
     n, craft = scenario.n, np.arange(scenario.n)
     fuel = np.zeros((n, n))
     for shift in range(n):
@@ -83,13 +83,14 @@ def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
 def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
     """Assignments by their cost, the least first; none where every one is infinite.
 
-    After each, what is left is split: the k-th part keeps the choices of the craft before k and
-    forbids that of craft k, and the best of each part is a linear assignment problem (K. G. Murty,
-    "An Algorithm for Ranking all the Assignments in Order of Increasing Cost", Operations Research
-    16(3), 1968). A part is solved only once no other can hold a cheaper assignment, by a bound on
-    its cost from the dual variables of the assignment that it was split from.
+    After each, the remaining assignments are split: the k-th part keeps the goals of the craft
+    before k and forbids that of craft k, and the best of each part is a linear assignment problem
+    (K. G. Murty, "An Algorithm for Ranking all the Assignments in Order of Increasing Cost",
+    Operations Research 16(3), 1968). A part is solved only once no other can hold a cheaper
+    assignment, by a bound on its cost from the dual variables of the assignment that it was split
+    from.
     """
-    number = count()  # of equal ones the first found goes first
+    number = count()  # breaks ties: the first found comes first
     waiting = [(-np.inf, False, next(number), _Subproblem((), 0, ()))]
     while waiting:
         _, solved, place, part = heappop(waiting)

@@ -8,7 +8,7 @@ from pipeline.expert import Settings, solve_many
 from pipeline.expert.batch import Batch
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
-from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, Made, Plan, Requirements, planned_all
+from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, Draft, Plan, Requirements, certified_plans
 from pipeline.scenario import Scenario
 
 
@@ -16,7 +16,7 @@ from pipeline.scenario import Scenario
 class Expert:
     """Sequential convex programming on all scenarios at once."""
 
-    settings: Settings = field(default_factory=Settings)  # how to work
+    settings: Settings = field(default_factory=Settings)
     name: str = "expert"  # what tables call it
     requirements: Requirements = AT_ALL_TIMES  # what its plans must satisfy
 
@@ -28,15 +28,15 @@ class Expert:
 
 @dataclass(frozen=True)
 class Baseline:
-    """A planner that plans each craft without the others."""
+    """A planner that ignores collisions: each craft is planned without the others."""
 
     name: str  # what tables call it
-    controls: Callable[[Batch], Controls]  # that meet the goals, m/s²
+    controls: Callable[[Batch], Controls]  # gives controls that meet the goals, m/s²
     requirements: Requirements = AT_ALL_TIMES  # what its plans are judged by
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
-        return certified(self.name, scenarios, self.controls, self.requirements)
+        return plans_from_controls(self.name, scenarios, self.controls, self.requirements)
 
 
 def _straight_line(batch: Batch) -> Controls:
@@ -52,7 +52,7 @@ def _decoupled(batch: Batch) -> Controls:
     return batch.optima.controls
 
 
-# They belong in every table
+# Baselines of every table
 BASELINES = (
     Baseline("straight line", _straight_line),
     Baseline("minimum energy", _minimum_energy),
@@ -60,26 +60,26 @@ BASELINES = (
 )
 
 
-def certified(
+def plans_from_controls(
     planner: str,
     scenarios: Sequence[Scenario],
     answer: Callable[[Batch], Controls],
     requirements: Requirements,
 ) -> list[Plan]:
-    """Plans of the controls, m/s², that a planner answers; INFEASIBLE where there is provably none.
+    """Plans of the controls, m/s², that ``answer`` gives; INFEASIBLE where provably none exists.
 
-    The answer has the controls of all their craft, one after the other, which meet the goals.
+    The controls are those of the craft of all scenarios, one after the other, and meet the goals.
     """
     if not scenarios:
         return []
     started, batch = time.perf_counter(), Batch(scenarios)
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
-    made = [
-        Made(controls[craft], *batch.bound(k), timing=timing, least_share=batch.least_share(craft))
+    drafts = [
+        Draft(controls[craft], *batch.bound(k), timing=timing, least_share=batch.least_share(craft))
         for k, craft in enumerate(batch.craft)
     ]
-    plans = planned_all(planner, scenarios, made, requirements)
+    plans = certified_plans(planner, scenarios, drafts, requirements)
     return [
         replace(plan, status=INFEASIBLE, message=why) if why else plan
         for plan, why in zip(plans, batch.infeasible(), strict=True)

@@ -15,12 +15,12 @@ from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs,
 from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 
-# Assignments that are planned at most, besides the given order. On 100 crowded scenarios of ten
+# Largest number of assignments planned besides the given order. On 100 crowded scenarios of ten
 # craft (family dense) the best of 1, 4, 8 and 16 is 1.51, 1.19, 1.18 and 1.18 % above the bound, on
 # 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 MOST_PLANNED = 16
-LARGE_GAP = 1e-2  # gap from which the cheapest assignment's plan is dear: others are looked at
-# How the bound of all assignments is proven
+LARGE_GAP = 1e-2  # optimality gap beyond which further assignments are planned
+# Proof of the bound over all assignments
 PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
 
 IMPOSSIBLE = "some craft cannot reach its own{} within {}"
@@ -32,18 +32,18 @@ PROVEN = "whichever goals they take, {}, which is proven"
 class GoalAssignment(PlannerWrapper):
     """A planner whose craft may take each other's goals.
 
-    It plans the assignment of least decoupled cost. Where that plan is not safe, or dear because
-    craft must keep apart, it plans the next best assignments too, and the given order, as far as
-    their decoupled costs are less than that plan's, and keeps the cheapest safe one.
+    It plans the assignment of least decoupled cost. Where that plan is not safe, or its gap to
+    that cost is large, it plans the next best assignments too, and the given order, if their
+    decoupled costs are below that plan's fuel, and keeps the cheapest safe plan.
     """
 
-    most: int = MOST_PLANNED  # assignments that are planned at most, besides the given order
+    most: int = MOST_PLANNED  # largest number of assignments planned besides the given order
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, its goals in the order of ``Plan.assignment``.
 
-        The certificate's lower bound on the fuel is that of all assignments. Where every one is
-        proven to ask too much of some craft, the plan is INFEASIBLE, and of the given order.
+        The certificate's lower bound on the fuel holds for all assignments. Where in each a craft
+        provably cannot reach its goal, the plan is INFEASIBLE, with the given order.
         """
         if not scenarios:
             return []
@@ -67,7 +67,7 @@ class GoalAssignment(PlannerWrapper):
         return [one.best(seconds) for one in candidates]
 
     def _try(self, candidates: Sequence["_Candidates"], asked: Sequence[Sequence[Slots]]) -> None:
-        """Plan assignments of each scenario that are not tried yet, all at once."""
+        """Plan, all at once, the assignments asked for that are not tried yet."""
         both = zip(candidates, asked, strict=True)
         new = [(one, slots) for one, some in both for slots in some if slots not in one.tried]
         plans = self.planner.plan([one.scenario.taking(slots) for one, slots in new])
@@ -89,14 +89,14 @@ class _Candidates:
 
     @cached_property
     def ranking(self) -> list[Slots]:
-        """The assignments of least cost, the least first; found only where they are asked for."""
+        """The assignments of least cost, in ascending order, computed on first use."""
         return list(islice(ranked(self.allowed), self.most))
 
     def narrow(self) -> None:
-        """Leave out assignments that cannot be passively safe, where that refutes the first."""
+        """Exclude assignments that cannot be passively safe, where the first is infeasible."""
         (plan,), scenario = self.tried.values(), self.scenario
         asked = plan.certificate.passive_safety
-        if scenario.unlike:  # then who is too close depends on who goes where
+        if scenario.unlike:  # with sizes, which goals are too close depends on the assignment
             return
         if self.first is not None and plan.status == INFEASIBLE and asked is not None:
             ends, problem = (scenario.initial, scenario.goal), scenario.problem
@@ -105,9 +105,9 @@ class _Candidates:
             self.first = next(ranked(self.allowed), None)
 
     def others(self) -> list[Slots]:
-        """Assignments that may be better than the first's plan: the next best, and the given one.
+        """Assignments that may be better than the first: the next best, and the given order.
 
-        Empty where that plan is safe and not dear; none has decoupled costs above that plan's fuel.
+        Only those with decoupled costs below its plan's fuel; none where its gap is small.
         """
         if self.first is None:
             return []
@@ -120,7 +120,7 @@ class _Candidates:
         ]
 
     def best(self, seconds: float) -> Plan:
-        """The cheapest safe plan, or else the first tried; the search took so many seconds."""
+        """The cheapest safe plan, or else the first tried; the search took ``seconds``."""
         tried = self.tried
         slots = min(tried, key=lambda one: _fuel(tried[one]))  # of equals the first tried
         timing = {**tried[slots].timing, "assignment": seconds}
@@ -150,7 +150,7 @@ class _Candidates:
         return replace(plan, certificate=certificate, assignment=self._assignment(slots, plan))
 
     def _all_infeasible(self) -> bool:
-        """Whether it is proven of every assignment that there is no plan for it."""
+        """Whether every assignment is proven infeasible."""
         proven = all(plan.status == INFEASIBLE for plan in self.tried.values())
         return len(self.ranking) < self.most and proven
 

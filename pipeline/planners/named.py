@@ -1,4 +1,4 @@
-"""Planners by name that need no registry: expert, baselines, the packaged refiner."""
+"""Planners that need no registry, by name: expert, baselines, the packaged refiner."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -29,9 +29,9 @@ def named_planner(
 ) -> Planner | None:
     """The planner of a name, or None where it is none of NAMES.
 
-    The effort, of EFFORTS, is the expert's: by default it goes on until its plan no longer
-    improves, and comes after the refiner only where that has no safe plan; ``raw`` leaves it out
-    there. InputError for an option that the planner has no use for.
+    The effort, of EFFORTS, is the expert's. By default it iterates until its plan no longer
+    improves; after the refiner, it plans only where that has no safe plan, and with ``raw`` not
+    at all. InputError for an option that does not apply to the planner.
     """
     if name not in NAMES:
         return None
@@ -55,10 +55,10 @@ def named_planner(
 
 
 def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
-    """A network's plans made safe by the expert.
+    """The planner in which the expert follows a network.
 
-    Controls are a plan already: without an effort, of EFFORTS, the expert comes after them only
-    where they are not proven safe. States are a seed, as are controls that it is to better.
+    Controls that a network answers are a plan: without an effort, of EFFORTS, the expert plans only
+    where it is not proven safe. States are a seed of the expert, as are controls with an effort.
     """
     from pipeline.planners.network import FallbackPlanner, Seeded
 
@@ -68,7 +68,7 @@ def with_expert(network: "NetworkPlanner", effort: str | None) -> Planner:
 
 
 def refuse_effort(effort: str | None) -> None:
-    """Refuse an effort with an InputError where the expert has no part."""
+    """Refuse an effort, with an InputError, for a planner without the expert."""
     if effort is not None:
         raise InputError(
             f"effort is {effort} and the expert has no part in the plan; expected it with the "

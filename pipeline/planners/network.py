@@ -16,12 +16,12 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
-from pipeline.planners.classical import certified
+from pipeline.planners.classical import plans_from_controls
 from pipeline.planners.planner import PlannerWrapper, requiring
 from pipeline.scenario import Scenario
 
-SAME = 1e-6  # relative difference in orbit or step that makes no other problem to a network
-# The expert, held to one round of convex programs linearized about the network's plan
+SAME = 1e-6  # relative difference up to which mean motions or time steps count as equal
+# The expert limited to one round of convex programs, linearized about the network's plan
 ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
 
 
@@ -36,9 +36,9 @@ class NetworkPlanner:
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n.
 
-        On another orbit or time grid than that of its training the network answers with the same
-        weights; what that is worth the certificate says. InputError where they do not fit the
-        nodes, or where sizes differ.
+        On another orbit or time grid than that of its training the network is used with the same
+        weights; the certificate shows how good that is. InputError where they do not fit the
+        number of nodes, or the scenarios differ in n.
         """
         if len(sizes := {scenario.n for scenario in scenarios}) > 1:
             raise InputError(
@@ -61,7 +61,7 @@ class NetworkPlanner:
                 controls = meet_goal(initial, found, goal, problem)
             return controls.reshape(-1, problem.intervals, 3)
 
-        return certified(self.name, scenarios, answer, self.requirements)
+        return plans_from_controls(self.name, scenarios, answer, self.requirements)
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,10 @@ class Seeded(PlannerWrapper):
 class FallbackPlanner(PlannerWrapper):
     """A network, then one convex solve from it, then the expert, until a plan is proven safe."""
 
-    settings: Settings = FIRST_SAFE  # of the expert where it comes to that
+    settings: Settings = FIRST_SAFE  # of the expert, in the last step
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
-        """One plan for each scenario, named by who made it, safe wherever the expert finds one."""
+        """One plan for each scenario, which names its planner, safe where the expert finds one."""
         asked = self.requirements
         plans = requiring(self.planner, asked.nominal).plan(scenarios)
         plans = _where_unsafe(plans, ONE_SOLVE, asked, f"{self.name} + one solve", seeded=True)
@@ -105,7 +105,7 @@ class FallbackPlanner(PlannerWrapper):
 def _where_unsafe(
     plans: list[Plan], settings: Settings, asked: Requirements, name: str, *, seeded: bool = False
 ) -> list[Plan]:
-    """The plans, and the expert's where they are not proven safe, with the time of both."""
+    """The plans, replaced by the expert's where not proven safe, with the time of both."""
     left = [k for k, plan in enumerate(plans) if plan.status != SOLVED]
     seeds = [plans[k].states for k in left] if seeded else None
     tried = nominal_plans([plans[k].scenario for k in left], seeds, settings, asked)
@@ -113,7 +113,7 @@ def _where_unsafe(
         before = plans[k]
         timing = {**plan.timing, "plan": before.timing["plan"] + plan.timing["plan"]}
         solves = before.convex_solves + plan.convex_solves
-        # Where a craft has no decoupled optimum to fly, the expert looks at no seed.
+        # Where a craft has no decoupled optimum, the expert does not use the seed.
         who = name if plan.convex_solves else plan.planner
         plans[k] = replace(plan, planner=who, timing=timing, convex_solves=solves)
     return plans
@@ -138,13 +138,13 @@ def _written(value: float | int | ReferenceOrbit | None) -> str:
 
 
 def _separation(scenario: Scenario) -> float:
-    """Separation that a network plans with, m: the two largest radii, but at most r_col."""
+    """Separation for a network, m: the sum of the two largest radii, but at most r_col."""
     radius = scenario.problem.collision_radius
     return min(radius, float(np.sort(scenario.radii)[-2:].sum())) if scenario.n > 1 else radius
 
 
 def _other_field(model: TrainedNetwork, problem: Problem) -> str | None:
-    """The first field in which a problem differs from that of the training, as networks see it."""
+    """The first field by which a problem differs from the training's; None where none does."""
     for name in ("nodes", "time_step", "mean_motion"):
         if not isclose(getattr(problem, name), getattr(model.problem, name), rel_tol=SAME):
             return name

@@ -12,7 +12,7 @@ from pipeline.scenario import Scenario
 
 @runtime_checkable
 class Planner(Protocol):
-    """Whatever turns scenarios into plans: the expert, a baseline, a network."""
+    """Protocol of planners, which turn scenarios into plans: the expert, a baseline, a network."""
 
     @property
     def name(self) -> str:
@@ -59,7 +59,7 @@ def requiring(planner: Planner, requirements: Requirements) -> Planner:
 
 
 def identity(planner: Planner) -> dict[str, Any]:
-    """Name, class, settings and network digest of a planner, JSON-ready: what decides its plans."""
+    """All that decides a planner's plans, as JSON values: name, class, settings, network digest."""
     return {"name": planner.name, **_identified(planner)}
 
 

@@ -1,4 +1,4 @@
-"""Outcomes of the rules that a scenario is checked by."""
+"""Outcomes of the rules by which a scenario is checked."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,16 +8,16 @@ from dataclasses import dataclass, field
 class Case:
     """One fault."""
 
-    craft: tuple[int, ...]  # whose it is
+    craft: tuple[int, ...]  # numbers of those concerned
     text: str  # what is wrong, and by how much
-    numbers: Mapping[str, float] = field(default_factory=dict)  # what the text says, in SI units
+    numbers: Mapping[str, float] = field(default_factory=dict)  # those in the text, SI units
 
 
 @dataclass(frozen=True)
 class Diagnostic:
     """Outcome of a rule at one end, or for the transfer."""
 
-    rule: str  # what was looked at
+    rule: str  # what was checked
     end: str  # "initial", "goal" or "transfer"
     text: str  # what was found, in words
     cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
@@ -37,7 +37,7 @@ class Diagnostic:
 def diagnostic_of(
     rule: str, end: str, cases: Sequence[Case], wrong: str, cure: str, fine: str
 ) -> Diagnostic:
-    """What is wrong, the number of faults, and the cure; or, without any, that all is fine."""
+    """The outcome of a rule from its faults: ``wrong`` and ``cure`` or, without any, ``fine``."""
     if not cases:
         return Diagnostic(rule, end, fine)
     return Diagnostic(rule, end, f"{wrong}: {len(cases)}", tuple(cases), cure)

@@ -17,7 +17,7 @@ class Strict(BaseModel):
 
 
 def one_of(**fields: str) -> dict[str, Any]:
-    """JSON Schema's condition that exactly one of some fields, with their types, is given."""
+    """JSON Schema's condition that exactly one of some fields is given, each with its JSON type."""
     forms = [
         {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
     ]

@@ -1,4 +1,4 @@
-"""Reference orbits in scenario files: where and when a circle is, or any orbit with its forces."""
+"""Reference orbits in scenario files: a circle's orientation and epoch, or any orbit and forces."""
 
 from datetime import datetime
 from typing import Annotated
@@ -14,7 +14,7 @@ ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 
 
 class ReferenceDocument(Strict):
-    """Where and when the reference orbit is; its size follows from mean_motion or altitude.
+    """Epoch and orientation of the reference orbit; mean_motion or altitude gives its size.
 
     The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
     """
@@ -30,7 +30,7 @@ class ReferenceDocument(Strict):
 
 
 class OrbitDocument(Strict):
-    """The reference orbit, and the forces on all craft, where they are not a circle's alone.
+    """A reference orbit that is no circle or has perturbations, with the forces on all craft.
 
     Osculating elements at the first node. Angles refer to the Earth's mean equator and equinox of
     J2000 (EME2000).
@@ -49,7 +49,7 @@ class OrbitDocument(Strict):
         None, description="Mean C_D A/m of the swarm, m²/kg; null for no drag."
     )
     spread: Number = Field(
-        0.0, description="By what share of it the first craft has less, and the last more."
+        0.0, description="Share of it by which the first craft has less, and the last more."
     )
 
     @classmethod

@@ -27,8 +27,8 @@ class Need:
 
     name: str
     unit: str
-    least: PerCraft  # infinite where no limit is enough
-    most: PerCraft  # the limits; infinite where there is none
+    needed: PerCraft  # infinite where no limit is enough
+    limit: PerCraft  # that it has; infinite where there is none
 
 
 def reachable(scenario: Scenario) -> Diagnostic:
@@ -40,7 +40,7 @@ def reachable(scenario: Scenario) -> Diagnostic:
     found = list(_faults(scenario, limits, needs))
     cases = [case for case, _ in found]
     cure = "; or ".join(dict.fromkeys(cure for _, cure in found))
-    wrong = "needs of thrust or Δv that are not met"
+    wrong = "limits of thrust or Δv that are too low"
     fine = "" if cases else _most_strained(needs)
     return diagnostic_of(REACHABLE, "transfer", cases, wrong, cure, fine)
 
@@ -51,11 +51,11 @@ def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
     least = minimum_limits(scenario.initial, scenario.goal, scenario.problem)
     most = int(least.argmax())
     fine = f"no max_acceleration; craft {most} needs the most, {least[most]:.4g} m/s²"
-    wrong = "craft that any thrust is too little for"
+    wrong = "craft that cannot reach their goal, however large their thrust"
     if limit is not None:
         share = least[most] / limit
         fine = f"craft {most} needs the most thrust, {share:.0%} of max_acceleration"
-        wrong = f"craft that max_acceleration, {limit:g} m/s², is too little for"
+        wrong = f"craft that need more than max_acceleration, {limit:g} m/s²"
     limit = np.inf if limit is None else limit
     short = np.flatnonzero((least > limit * (1 + LIMIT_ROUNDING)) | np.isinf(least))
     cure = f"raise max_acceleration, or {TIME}" if np.isfinite(least[short]).any() else TIME
@@ -67,7 +67,7 @@ def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
 def _out_of_reach(k: int, least: float, limit: float) -> Case:
     """The fault of a craft that needs a higher thrust limit, rounded up to four digits."""
     if not np.isfinite(least):
-        return Case((k,), f"craft {k} reaches its goal with no thrust, however large")
+        return Case((k,), f"craft {k} cannot reach its goal, however large its thrust")
     unit = 10.0 ** (floor(log10(least)) - 3)
     enough = ceil(least / unit * (1 + LIMIT_ROUNDING)) * unit
     times = f"{least / limit:.4g} times max_acceleration"
@@ -76,9 +76,9 @@ def _out_of_reach(k: int, least: float, limit: float) -> Case:
 
 
 def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
-    """Least limits and least Δv of each craft on its own: without others, and impulse bits.
+    """Least limits and least Δv of each craft, without regard to other craft and impulse bits.
 
-    By its waypoints that have times; others are left out.
+    Waypoints count where they have a time.
     """
     problem, timed = scenario.problem, [one for one in scenario.waypoints if one.time is not None]
     passed = {
@@ -104,16 +104,16 @@ def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
 
 
 def _faults(scenario: Scenario, limits: Limits, needs: Sequence[Need]) -> Iterator[Fault]:
-    """Limits that are too low: of each craft the first, and a smallest burn beyond them."""
+    """The first limit of each craft that is too low, and smallest burns that no limit allows."""
     for k in range(scenario.n):
-        limit = needs[0].least[k]
+        limit = needs[0].needed[k]
         if np.isinf(limit):
             yield _no_way(k, limits, scenario)
             continue
         if limit > 0 and (found := _no_burn_large_enough(k, limits, scenario.problem)):
             yield found
         for need in needs:
-            least, most, unit = float(need.least[k]), need.most[k], need.unit
+            least, most, unit = float(need.needed[k]), need.limit[k], need.unit
             if least > most * (1 + LIMIT_ROUNDING):
                 text = (
                     f"craft {k} needs at least {_down(least)} {unit} and has {most:g} {unit}, its "
@@ -125,11 +125,11 @@ def _faults(scenario: Scenario, limits: Limits, needs: Sequence[Need]) -> Iterat
 
 
 def _no_way(k: int, limits: Limits, scenario: Scenario) -> Fault:
-    """The fault of a craft that reaches its goal with no thrust, however large."""
+    """The fault of a craft that cannot reach its goal, however large its thrust."""
     may, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
     way = " by its waypoints" if k in of_craft(scenario.waypoints) else ""
     if may == problem.intervals:
-        text = f"craft {k} reaches its goal{way} with no thrust, however large"
+        text = f"craft {k} cannot reach its goal{way}, however large its thrust"
         return Case((k,), text), TIME
     text = (
         f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its "
@@ -162,11 +162,11 @@ def _most_strained(needs: Sequence[Need]) -> str:
     """For each kind of limit, the craft that needs the largest share of it, in words."""
     said = []
     for need in needs:
-        share = np.where(np.isfinite(need.most), need.least / need.most, 0.0)
-        if np.isfinite(need.most).any():
+        share = np.where(np.isfinite(need.limit), need.needed / need.limit, 0.0)
+        if np.isfinite(need.limit).any():
             k = int(share.argmax())
             said.append(f"craft {k} needs at least {share[k]:.0%} of its {need.name}")
-    limit = needs[0].least
+    limit = needs[0].needed
     k = int(limit.argmax())
     none = f"no limit of thrust; craft {k} needs the most, {limit[k]:.4g} m/s²"
     return "; ".join(said) or none

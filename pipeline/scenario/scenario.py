@@ -19,11 +19,11 @@ from pipeline.orbit.thrust import ALONG_AXES, Limits
 from pipeline.scenario.spacecraft import Spacecraft, check_craft, limits_of
 from pipeline.scenario.waypoint import Waypoint, check_waypoints
 
-# Craft, few enough for a list of all pairs, and craft times nodes
+# Largest number of craft, for a list of all pairs to fit in memory, and of craft times nodes
 MOST_CRAFT, MOST_STATES = 10_000, 1_000_000
 # Largest component of a position, m, and of a velocity, m/s, on any orbit
 FURTHEST, FASTEST = 1e9, 1e6
-RELATIVE = 0.1  # share of the reference orbit's radius beyond which no motion is relative
+RELATIVE = 0.1  # largest distance from the origin, as a share of the reference orbit's radius
 
 PARTS = {
     "craft": Spacecraft,
@@ -45,16 +45,16 @@ class Scenario:
         family: the family it was drawn from, or "custom".
         name: in tables and figures; of a file that is read, the file's name.
         reference: epoch and attitude of the reference orbit, or None; not used in planning.
-        ends: passive, on orbits that do not drift; or any, as those of a rendezvous.
-        craft: of each craft what it has of its own; empty where all are alike.
+        ends: passive, states on orbits that do not drift; or any, as in a rendezvous.
+        craft: properties of each craft of its own; empty where all are alike.
         waypoints: places that craft must pass on their way, in the order of each craft.
-        obstacles: what craft keep clear of and no plan moves.
-        corridors: boxes and approach cones that craft stay inside of for some time. These four
-            become tuples.
+        obstacles: bodies without control that craft keep clear of.
+        corridors: boxes and approach cones that craft stay inside of for some time. The last
+            four become tuples.
     """
 
     problem: Problem
-    initial: Float[Array, "..."]  # shapes are for __post_init__ to refuse, in a sentence
+    initial: Float[Array, "..."]  # __post_init__ checks the shapes, and says what is wrong
     goal: Float[Array, "..."]
     family: str = "custom"
     name: str = ""
@@ -109,14 +109,14 @@ class Scenario:
 
     @property
     def headline(self) -> str:
-        """Name, if any, and size, with which titles of figures begin."""
+        """The beginning of figure titles: name, if any, and number of craft."""
         return f"{self.name}: " * bool(self.name) + f"n = {self.n}"
 
     @cached_property
     def limits(self) -> Limits | None:
         """Thrust limits of each craft; None where max_acceleration is the only one.
 
-        With waypoints, too, plans are made by programs that know such limits.
+        Never None with waypoints: they are planned by the same programs as such limits.
         """
         plain = self.problem.thrust == ALONG_AXES and not any(one.limited for one in self.craft)
         return None if plain and not self.waypoints else limits_of(self.craft, self.n, self.problem)
@@ -128,11 +128,11 @@ class Scenario:
 
     @property
     def unlike(self) -> bool:
-        """Whether positions must keep more than collision_radius: sizes, or corridors."""
+        """Whether there are sizes or corridors besides the collision radius."""
         return self.sized or bool(self.corridors)
 
     def outside(self) -> Iterator[tuple[str, int, int, float]]:
-        """Ends at which craft are not inside a corridor: which, craft, corridor, margin, m."""
+        """Violations of corridors at the ends: end, craft, corridor, margin (m, at most 0)."""
         if not self.corridors:
             return
         faces, last = Faces.of(self.corridors, self.n), self.problem.duration
@@ -153,12 +153,12 @@ class Scenario:
         return np.array([half if one is None else one for one in given])
 
     def named(self, i: int, j: int) -> str:
-        """Two participants in words, of which those beyond the craft are obstacles."""
+        """Names of two participants in words; numbers from n on are obstacles."""
         other = str(j) if j < self.n else self.obstacles[j - self.n].name
         return f"craft {i} and {other}"
 
     def wanted(self, i: int, j: int) -> str:
-        """The separation that two participants must keep, in words."""
+        """The sizes that two participants must keep apart by, in words."""
         if not self.sized:
             return f"collision_radius is {self.problem.collision_radius:g} m"
         own = f"craft {i} has a radius of {self.radii[i]:g} m"
@@ -183,7 +183,7 @@ class Scenario:
         )
 
     def taking(self, slots: Sequence[int]) -> "Scenario":
-        """The scenario with goals assigned to craft in the order of ``slots``."""
+        """The scenario in which craft i takes the goal numbered ``slots[i]``."""
         return replace(self, goal=self.goal[list(slots)])
 
 
@@ -224,7 +224,7 @@ def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
 
 
 def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
-    """Craft and obstacles of scenarios of one problem, side by side."""
+    """The partition into scenarios of the craft and obstacles of all, which share a problem."""
     if not any(one.unlike for one in scenarios):
         return swarm_partition(tuple(one.n for one in scenarios))
     radii, obstacles = [one.radii for one in scenarios], [one.obstacles for one in scenarios]
@@ -233,7 +233,7 @@ def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
 
 
 def shared_problem(scenarios: Sequence[Scenario]) -> Problem:
-    """The one problem of at least one scenario; several are an InputError."""
+    """The problem that scenarios, at least one, share; InputError where they differ."""
     problem = scenarios[0].problem
     for k, scenario in enumerate(scenarios):
         if scenario.problem is not problem and scenario.problem != problem:

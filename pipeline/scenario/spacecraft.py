@@ -16,14 +16,14 @@ class Spacecraft:
     """Properties of one craft that differ from the swarm's.
 
     Attributes:
-        name: in files for simulators.
+        name: used in files for simulators.
         mass: with propellant, at the first node, kg, or None; not used in planning.
-        max_acceleration: limit on each component of its control, or on each thruster, m/s², or that
-            of the problem.
-        max_acceleration_norm: limit on ‖u‖₂, m/s², or that of the problem.
-        delta_v: what it may burn in all, m/s, or None for no limit.
-        no_burn: stretches of time in which it must not burn, besides those of the problem.
-        radius: of the sphere that it takes up, m, or half the problem's collision radius.
+        max_acceleration: limit on each component of its control, or on each thruster, m/s²; None
+            for that of the problem.
+        max_acceleration_norm: limit on ‖u‖₂, m/s²; None for that of the problem.
+        delta_v: largest Δv in total, m/s, or None for no limit.
+        no_burn: time spans without burns, from and to, s, besides those of the problem.
+        radius: of the sphere that it takes up, m; None for half the problem's collision radius.
     """
 
     name: str = ""
@@ -69,7 +69,7 @@ def limits_of(craft: Sequence[Spacecraft], n: int, problem: Problem) -> Limits:
 
 
 def check_craft(craft: Sequence[Spacecraft], n: int, thrust: Thrust) -> None:
-    """Refuse a list of craft of the wrong length, or without a delta_v where fair asks for it."""
+    """Refuse a wrong number of craft, or one without the delta_v that a fair objective needs."""
     if craft and len(craft) != n:
         raise InputError(
             f"craft has {len(craft)} entries and there are {n} spacecraft; expected one of each."

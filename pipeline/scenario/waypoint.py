@@ -13,15 +13,15 @@ from pipeline.orbit.problem import Problem
 
 ON_GRID = 1e-6  # share of an interval by which a waypoint's time may be off its node
 LATEST = 1e12  # s, later than any transfer ends
-MOST_CHOICES = 400  # ways in which the open times of a craft's waypoints can be chosen, at most
+MOST_CHOICES = 400  # most combinations of nodes for the waypoints of a craft without a time
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A place that a craft must be at, at a node.
+    """A position, and maybe a velocity, that a craft must have at a node.
 
     Attributes:
-        craft: which.
+        craft: its number.
         position: LVLH, m.
         velocity: LVLH, m/s, or None for any.
         time: s since the first node, or None for the node at which it costs least.
@@ -33,7 +33,7 @@ class Waypoint:
     time: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a craft that is no number of one, and what is not finite, with an InputError."""
+        """Refuse a wrong craft number, or values that are not finite, with an InputError."""
         fields_as_python(self)
         if not is_whole(self.craft):
             raise InputError(f"craft of a waypoint is {self.craft!r}; expected a craft's number.")
@@ -49,13 +49,13 @@ class Waypoint:
 
 
 def of_craft(waypoints: Sequence[Waypoint]) -> dict[int, list[Waypoint]]:
-    """The waypoints of each craft that has some, in their order."""
+    """The waypoints, in order, of each craft that has some."""
     ordered = sorted(waypoints, key=lambda one: one.craft)
     return {k: list(some) for k, some in groupby(ordered, key=lambda one: one.craft)}
 
 
 def check_waypoints(waypoints: Sequence[Waypoint], n: int, problem: Problem) -> None:
-    """Refuse waypoints of no craft, at no inner node or in no order with an InputError."""
+    """Refuse waypoints of unknown craft, off the inner nodes or out of order with an InputError."""
     for k, one in enumerate(waypoints):
         if not 0 <= one.craft < n:
             raise InputError(
@@ -87,7 +87,7 @@ def check_waypoints(waypoints: Sequence[Waypoint], n: int, problem: Problem) -> 
 def closest_pair(
     waypoints: Sequence[Waypoint], problem: Problem, radii: Values
 ) -> tuple[float, int, int, float] | None:
-    """Distance (m), craft and time (s) of the two that must be closest, by radii, at one node."""
+    """Distance (m), both craft and time (s) of the pair that waypoints bring closest, by radii."""
     timed = [one for one in waypoints if one.time is not None]
     craft = np.array([one.craft for one in timed])
     places = np.array([one.position for one in timed])
@@ -104,9 +104,9 @@ def closest_pair(
 
 
 def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
-    """Candidate nodes of one craft's waypoints, one after the other.
+    """Possible combinations of ascending nodes for the waypoints of one craft.
 
-    All of them, or of more than MOST_CHOICES somewhat more than so many.
+    All of them or, where there are more than MOST_CHOICES, some more than that number.
     """
     latest: list[int] = []
     last = problem.intervals
@@ -130,9 +130,9 @@ def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[in
 def passed_at(
     waypoints: Sequence[Waypoint], states: States, problem: Problem
 ) -> dict[int, list[tuple[int, Waypoint]]]:
-    """The node and waypoint of all that each craft passes.
+    """The waypoints of each craft, each with the node at which it is passed.
 
-    Of those without a time the nodes count, after the waypoint before, at which it is nearest.
+    For those without a time, the combination of nodes with the least miss is chosen.
     """
     found = {}
     for craft, some in of_craft(waypoints).items():
@@ -146,7 +146,7 @@ def passed_at(
 
 
 def missed(waypoints: Sequence[Waypoint], states: States, problem: Problem) -> tuple[float, float]:
-    """By how much node states miss the waypoints at most, m and m/s: as ``passed_at`` has it."""
+    """Largest miss of waypoints by node states, m and m/s, at the nodes of ``passed_at``."""
     passed = passed_at(waypoints, states, problem)
     each = [_miss(one, states[craft, k]) for craft, some in passed.items() for k, one in some]
     position, velocity = np.max([(0.0, 0.0), *each], axis=0).tolist()

@@ -14,7 +14,7 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import Made, planned
+from pipeline.plan import Draft, certified_plan
 from pipeline.plan.document import plan_document, write_plan
 from pipeline.scenario import Scenario, draw
 
@@ -66,7 +66,8 @@ def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(pro
 
 def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    plan = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    draft = Draft(own.controls, float(own.lower_bound.sum()))
+    plan = certified_plan("decoupled optimum", SCENARIO, draft)
     i, j = plan.certificate.min_separation_pair
     assert plan.certificate.min_separation < 14
     write_plan(tmp_path / "plan.json", plan)
@@ -80,7 +81,8 @@ def test_two_craft_in_one_place_come_too_close(prolearn, tmp_path):
     alone = draw("rings", 0, 1, 0, Problem())
     both = replace(alone, initial=[*alone.initial] * 2, goal=[*alone.goal] * 2)
     own = decoupled_optima(both.initial, both.goal, both.problem)
-    plan = planned("decoupled optimum", both, Made(own.controls, float(own.lower_bound.sum())))
+    draft = Draft(own.controls, float(own.lower_bound.sum()))
+    plan = certified_plan("decoupled optimum", both, draft)
     write_plan(tmp_path / "plan.json", plan)
     done = prolearn("fly", "plan.json")
     assert done.returncode == 1

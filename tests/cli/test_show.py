@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Made, planned
+from pipeline.plan import Draft, certified_plan
 from pipeline.plan.document import plan_document, write_plan
 from pipeline.scenario import draw
 
@@ -31,7 +31,8 @@ def test_a_page_is_written_beside_the_plan_or_where_one_says(prolearn, tmp_path)
 
 def test_an_unsafe_plan_is_shown_and_called_so(prolearn, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    plan = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    draft = Draft(own.controls, float(own.lower_bound.sum()))
+    plan = certified_plan("decoupled optimum", SCENARIO, draft)
     write_plan(tmp_path / "plan.json", plan)
     done = prolearn("show", "plan.json")
     i, j = plan.certificate.min_separation_pair

@@ -16,7 +16,7 @@ from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Made, Requirements, planned
+from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Draft, Requirements, certified_plan
 from pipeline.planners.classical import BASELINES
 from pipeline.scenario import FAMILIES, Scenario, draw
 
@@ -61,8 +61,8 @@ def test_plans_that_are_not_asked_for_it_are_told_as_the_judge_finds_them():
         scenario = draw(family, 1, 6, index, PROBLEM)
         plan = solve(scenario)
         assert plan.status == SOLVED and plan.certificate.passive_safety is None
-        made = Made(plan.controls, plan.certificate.fuel_lower_bound)
-        again = planned("expert", scenario, made, Requirements(passive_safety=1.0))
+        made = Draft(plan.controls, plan.certificate.fuel_lower_bound)
+        again = certified_plan("expert", scenario, made, Requirements(passive_safety=1.0))
         stands = adrift(plan).distance > PROBLEM.collision_radius
         assert again.status == (SOLVED if stands else UNSAFE)
         told.append(stands)

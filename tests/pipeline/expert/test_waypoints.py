@@ -212,7 +212,7 @@ def test_a_check_says_that_no_thrust_leads_by_waypoints_that_are_too_many():
     still = Waypoint(1, BETWEEN[1].position, (0.0, 0.0, 0.0), PROBLEM.time_step)
     (found,) = [one for one in diagnostics(with_waypoints(still)) if one.rule == "within reach"]
     (case,) = found.cases
-    assert case.text == "craft 1 reaches its goal by its waypoints with no thrust, however large"
+    assert case.text == "craft 1 cannot reach its goal by its waypoints, however large its thrust"
 
 
 def test_a_formation_between_is_one_waypoint_of_each_craft(tmp_path):

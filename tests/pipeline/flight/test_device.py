@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.errors import COLD_GAS
-from pipeline.flight.loops import Loop, fly_loops, portion_of
+from pipeline.flight.loops import Loop, batch_size, fly_loops
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
@@ -79,6 +79,6 @@ def test_on_a_gpu_more_trials_are_flown_side_by_side_where_none_is_planned_anew(
     anew = replace(flown, planner=Expert())
     here, there = LinearWorld(dynamics), LinearWorld(dynamics, "cuda")
     for n, usual, more in [(10, 50, 500), (300, 6, 66), (1000, 1, 6), (2000, 1, 1)]:
-        assert portion_of(n, here, flown) == portion_of(n, there, anew) == usual
-        assert portion_of(n, replace(here, device="cpu"), flown) == usual
-        assert portion_of(n, there, flown) == more
+        assert batch_size(n, here, flown) == batch_size(n, there, anew) == usual
+        assert batch_size(n, replace(here, device="cpu"), flown) == usual
+        assert batch_size(n, there, flown) == more

@@ -8,7 +8,16 @@ import pytest
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.plan import SOLVED, UNSAFE, UNSOLVED, Made, Requirements, certify, gap_of, planned
+from pipeline.plan import (
+    SOLVED,
+    UNSAFE,
+    UNSOLVED,
+    Draft,
+    Requirements,
+    certified_plan,
+    certify,
+    gap_of,
+)
 from pipeline.plan.document import plan_document
 from pipeline.scenario import Scenario
 
@@ -66,7 +75,7 @@ def test_a_plan_that_misses_any_component_of_its_goal_is_not_solved(component, m
     scenario, _, controls = passing(miss=100.0)
     goal = scenario.goal.copy()
     goal[1, component] += 1e-5
-    plan = planned("one", replace(scenario, goal=goal), Made(controls, 0.0))
+    plan = certified_plan("one", replace(scenario, goal=goal), Draft(controls, 0.0))
     assert plan.status == UNSOLVED
     assert "misses its goal by " in plan.message
     assert missed in plan.message
@@ -94,15 +103,18 @@ def test_a_thrust_limit_is_kept_whatever_its_size(limit):
     for share, status in ((1.0, SOLVED), (1.01, UNSAFE)):
         controls = np.full((1, 3, 3), share * limit)
         scenario, _ = scenario_of([0] * 6, controls=controls, problem=problem)
-        assert planned("one", scenario, Made(controls, 0.0)).status == status
+        assert certified_plan("one", scenario, Draft(controls, 0.0)).status == status
 
 
 def test_a_pass_between_nodes_is_unsafe_at_all_times_and_fine_at_the_nodes():
     scenario, _, controls = passing(miss=3.0)
-    plan = planned("one", scenario, Made(controls, 0.0))
+    plan = certified_plan("one", scenario, Draft(controls, 0.0))
     assert plan.status == UNSAFE
     assert "craft 0 and 1 come within 3" in plan.message
-    assert planned("one", scenario, Made(controls, 0.0), Requirements("nodes")).status == SOLVED
+    assert (
+        certified_plan("one", scenario, Draft(controls, 0.0), Requirements("nodes")).status
+        == SOLVED
+    )
 
 
 def test_craft_that_keep_too_close_all_the_way_are_never_solved():
@@ -115,7 +127,7 @@ def test_craft_that_keep_too_close_all_the_way_are_never_solved():
         controls = minimum_energy(initial, goal, Problem())
         scenario = Scenario(Problem(), initial, goal)
         for requirements in (Requirements(), Requirements("nodes")):
-            plan = planned("one", scenario, Made(controls, 0.0), requirements)
+            plan = certified_plan("one", scenario, Draft(controls, 0.0), requirements)
             assert (plan.status, plan.certificate.min_separation_pair) == (UNSAFE, (0, 1))
             assert "craft 0 and 1 come within 10 m" in plan.message
 
@@ -124,11 +136,11 @@ def test_a_bound_that_rounding_puts_above_the_fuel_is_the_fuel():
     """Sums in another order differ by an ulp or two, on some machines more than on others."""
     controls = np.full((1, 3, 3), 0.1)
     scenario, _ = scenario_of([0] * 6, controls=controls, problem=Problem(nodes=4))
-    fuel = planned("one", scenario, Made(controls, 0.0)).certificate.fuel
+    fuel = certified_plan("one", scenario, Draft(controls, 0.0)).certificate.fuel
     above = np.nextafter(fuel, 1.0)
-    found = planned("one", scenario, Made(controls, above)).certificate
+    found = certified_plan("one", scenario, Draft(controls, above)).certificate
     assert (found.fuel_lower_bound, found.optimality_gap) == (fuel, 0.0)
-    wrong = planned("one", scenario, Made(controls, 1.001 * fuel)).certificate
+    wrong = certified_plan("one", scenario, Draft(controls, 1.001 * fuel)).certificate
     assert wrong.optimality_gap < -0.9e-3  # a bound that is wrong is not hidden
 
 
@@ -136,7 +148,7 @@ def test_a_plan_beyond_the_thrust_limit_is_not_solved():
     limited = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)
     controls = np.full((1, 3, 3), 1.1e-3)
     scenario, _ = scenario_of([0] * 6, controls=controls, problem=limited)
-    plan = planned("one", scenario, Made(controls, 0.0))
+    plan = certified_plan("one", scenario, Draft(controls, 0.0))
     assert plan.status == UNSAFE
     assert "max_acceleration" in plan.message
 
@@ -144,7 +156,7 @@ def test_a_plan_beyond_the_thrust_limit_is_not_solved():
 def test_the_document_of_a_plan_is_plain_json_with_null_for_what_is_not_there():
     controls = np.full((1, 3, 3), 1e-3)
     scenario, _ = scenario_of([0] * 6, controls=controls)
-    plan = planned("one", scenario, Made(controls, 0.0))
+    plan = certified_plan("one", scenario, Draft(controls, 0.0))
     document = json.loads(json.dumps(plan_document(plan), allow_nan=False))
     assert document["schema"] == "prolearn.plan/2"
     assert document["times"] == [0, 10, 20, 30]

@@ -9,7 +9,7 @@ from judge import judge_plan
 from pipeline.errors import InputError
 from pipeline.expert import solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Made, Requirements, RiskLimit, planned
+from pipeline.plan import Draft, Requirements, RiskLimit, certified_plan
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
@@ -97,7 +97,7 @@ def test_each_node_has_a_line(written):
 
 def test_an_infinite_gap_comes_back_as_such(tmp_path):
     idle = np.zeros((SCENARIO.n, SCENARIO.problem.intervals, 3)) + 1e-3
-    plan = planned("one", SCENARIO, Made(idle, 0.0))
+    plan = certified_plan("one", SCENARIO, Draft(idle, 0.0))
     write_plan(tmp_path / "plan.json", plan)
     assert json.loads((tmp_path / "plan.json").read_text())["certificate"]["optimality_gap"] is None
     assert read_plan(tmp_path / "plan.json").certificate == plan.certificate

@@ -15,8 +15,8 @@ from pipeline.plan import (
     Requirements,
     RiskLimit,
     certify,
-    judged,
     violations,
+    with_status,
 )
 from pipeline.scenario import Scenario
 
@@ -35,7 +35,7 @@ def found(push=0.0, miss=0.0, asked=None, radius=15.0):
     asked = asked or Requirements()
     (certificate,) = certify([scenario], states, controls, [(0.0, "")], asked)
     plan = Plan(scenario, "", "", states, controls, certificate, separation=asked.separation)
-    return set(violations(plan)), judged(plan).status
+    return set(violations(plan)), with_status(plan).status
 
 
 @pytest.mark.parametrize(

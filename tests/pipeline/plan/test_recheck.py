@@ -13,10 +13,10 @@ from pipeline.orbit.thrust import Thrust
 from pipeline.plan import (
     SOLVED,
     UNSOLVED,
-    Made,
+    Draft,
     Requirements,
     RiskLimit,
-    planned,
+    certified_plan,
     recheck,
     summary,
 )
@@ -37,7 +37,8 @@ def plan():
 def unsafe():
     """Each craft's own optimum: some pass each other too close."""
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
-    made = planned("decoupled optimum", SCENARIO, Made(own.controls, float(own.lower_bound.sum())))
+    draft = Draft(own.controls, float(own.lower_bound.sum()))
+    made = certified_plan("decoupled optimum", SCENARIO, draft)
     assert made.status == "unsafe"
     return made
 
@@ -114,7 +115,7 @@ def test_an_infeasible_plan_says_so_and_has_no_gap():
 
 def test_a_plan_that_misses_its_goal_has_no_gap_and_a_bound_above_its_fuel_is_no_false_claim(plan):
     bound = plan.certificate.fuel_lower_bound
-    short = planned("one", SCENARIO, Made(0.5 * plan.controls, bound))
+    short = certified_plan("one", SCENARIO, Draft(0.5 * plan.controls, bound))
     assert short.status == UNSOLVED
     assert short.certificate.fuel < bound
     assert "gap" not in repr(short)
@@ -162,8 +163,8 @@ def test_a_risk_is_found_anew_and_a_false_one_named(plan):
 
 def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
     """The plan was made without asking for it, and its craft drift too close."""
-    made = Made(plan.controls, plan.certificate.fuel_lower_bound)
-    asked = planned("expert", SCENARIO, made, Requirements(passive_safety=1.0))
+    made = Draft(plan.controls, plan.certificate.fuel_lower_bound)
+    asked = certified_plan("expert", SCENARIO, made, Requirements(passive_safety=1.0))
     assert asked.status == "unsafe"
     claim = replace(
         asked.certificate.passive_safety, min_separation=16.0, min_separation_bound=15.9

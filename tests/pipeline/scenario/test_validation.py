@@ -148,7 +148,7 @@ def test_a_time_grid_on_which_no_thrust_arrives_is_said_to_be_one():
     problem = Problem(time_step=ORBIT, nodes=3)
     scenario = Scenario(problem, start, end)
     (case,) = wrong(scenario)[("transfer", "within reach")]
-    assert "no thrust, however large" in case.text
+    assert "cannot reach its goal, however large its thrust" in case.text
     assert not case.numbers
     (said,) = (found for found in diagnostics(scenario) if found.rule == "within reach")
     assert "max_acceleration" not in said.cure, "which no limit mends"

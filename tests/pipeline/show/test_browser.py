@@ -15,7 +15,7 @@ from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Made, planned
+from pipeline.plan import Draft, certified_plan
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show import write_page
@@ -246,7 +246,8 @@ def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, op
     hostile = "</script><script>document.title = 'taken'</script><b onclick='x'>"
     scenario = draw("rings", 0, 10, 3, Problem())
     own = decoupled_optima(scenario.initial, scenario.goal, scenario.problem)
-    plan = planned("decoupled optimum", scenario, Made(own.controls, float(own.lower_bound.sum())))
+    draft = Draft(own.controls, float(own.lower_bound.sum()))
+    plan = certified_plan("decoupled optimum", scenario, draft)
     opened(replace(plan, planner=hostile), hostile, theme="dark")
     assert by(browser, "h1").text == f"Transfer of 10 craft, planned by {hostile}"
     assert browser.title.startswith(hostile)
