@@ -53,8 +53,9 @@ def run_warmstarts(
         with threadpool_limits(1):
             for make in seeds.values():
                 _run(some[0], make, rules[CONVERGED])  # warm up
-                for one in some[1:] if make else ():
-                    make(one)  # some code of networks runs for near pairs alone
+                if make is not None:
+                    for scenario in some[1:]:
+                        make(scenario)  # some code of networks runs for near pairs alone
     here, one = Workers(jobs=1), partial(_started, optimizer, seeds)
     tables = done_parts("starts", one, parts, workers=here, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
