@@ -244,7 +244,7 @@ def _print_curve(rows: Sequence[Mapping[str, Any]], folder: Path) -> None:
             echo(f"{_minutes(row)} min: {row['status']}: {row['message']}")
     bent = [row for row in rows if row["knee"]]
     for row in bent:
-        note(f"The knee is at {_minutes(row)} min, {number(row['delta_v'])} m/s.")
+        note(f"The knee is at {_minutes(row)} min, where Δv is {number(row['delta_v'])} m/s.")
     if not bent:
         note(
             "There is no knee: too few plans are safe, or more time saves about as much everywhere."

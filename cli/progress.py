@@ -20,6 +20,7 @@ from rich.table import Column
 from rich.text import Text
 
 from cli.output import echo
+from pipeline.figures.labels import number
 from pipeline.progress import Progress as JobProgress
 from pipeline.text import public, visible
 
@@ -30,7 +31,7 @@ class _RateColumn(ProgressColumn):
     """How many units are done a second."""
 
     def render(self, task: Task) -> Text:
-        return Text(f"{task.speed:.3g}/s" if task.speed else "")
+        return Text(f"{number(task.speed)}/s" if task.speed else "")
 
 
 class _NoteColumn(ProgressColumn):
@@ -89,7 +90,8 @@ class DisplayedProgress(JobProgress):
         self._told = seconds
         parts = [f"{self._what}: {done:.0f}/{total:.0f} after {seconds:.0f} s"]
         if 0 < done < total and seconds > 0:
-            parts += [f"{done / seconds:.3g}/s", f"{(total - done) * seconds / done:.0f} s left"]
+            left = (total - done) * seconds / done
+            parts += [f"{number(done / seconds)}/s", f"{left:.0f} s left"]
         note = task.fields["note"]
         bar.console.print(Text(", ".join(parts + [note] * bool(note))), soft_wrap=True)
 

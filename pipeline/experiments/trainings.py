@@ -114,8 +114,10 @@ def curves_figure(curves: pd.DataFrame, styles: Mapping[str, Style]) -> Figure:
 def _panel(ax: Axes, curves: pd.DataFrame, styles: Mapping[str, Style]) -> None:
     for (arch, _), rows in curves.groupby(["arch", "training_seed"]):
         colour, line = styles[str(arch)].colour, rows.sort_values("epoch")
-        ax.plot(line["epoch"], line["train_loss"], color=colour, linewidth=0.8, linestyle=":")
-        ax.plot(line["epoch"], line["valid_loss"], color=colour)
+        marker = "." if len(line) == 1 else ""  # a line of one point would not be seen
+        drawn: dict[str, Any] = {"color": colour, "marker": marker}
+        ax.plot(line["epoch"], line["train_loss"], linewidth=0.8, linestyle=":", **drawn)
+        ax.plot(line["epoch"], line["valid_loss"], **drawn)
     ax.margins(x=0.02)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
     losses = curves[["train_loss", "valid_loss"]].to_numpy(dtype=float)

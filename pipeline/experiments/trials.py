@@ -109,7 +109,7 @@ def _times(
 def _timed(timed: int, of: Comparison) -> pd.DataFrame:
     """Seconds to plan the first scenarios: a row each, a column for each planner."""
     for one in of.planners:
-        one.planner.plan(of.scenarios[:1])  # warm up
+        one.planner.plan(of.scenarios[:timed])  # warm up: some code runs for near pairs alone
     rows = [
         {str(k): one.planner.plan([each])[0].timing["plan"] for k, one in enumerate(of.planners)}
         for each in of.scenarios[:timed]

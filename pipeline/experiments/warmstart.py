@@ -53,6 +53,9 @@ def run_warmstarts(
         with threadpool_limits(1):
             for make in seeds.values():
                 _run(some[0], make, rules[CONVERGED])  # warm up
+                if make is not None:
+                    for scenario in some[1:]:
+                        make(scenario)  # some code of networks runs for near pairs alone
     here, one = Workers(jobs=1), partial(_started, optimizer, seeds)
     tables = finish_parts("starts", one, parts, workers=here, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)

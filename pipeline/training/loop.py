@@ -121,10 +121,12 @@ def train(
     The n and problem of the training examples become the model's; those for validation decide when
     to stop and which weights to keep. The seed is of initial weights, order and dropout; the device
     "auto", "cpu", "cuda" or "mps". InputError for an unknown architecture or device, or examples
-    that cannot be used. ProlearnError where loss or score cease to be finite numbers.
+    that cannot be used. ProlearnError where loss or score cease to be finite numbers. Its seconds
+    leave out what the first training of a process imports and compiles.
     """
-    started = time.perf_counter()
     architecture, where = find(arch), torch_device(device)
+    torch.zeros(1, device=where)  # where a GPU has first to be set up, before the clock starts
+    started = time.perf_counter()
     check_examples(train, valid)
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
     devices = [] if where.type == "cpu" else [where.index or 0]
@@ -134,11 +136,23 @@ def train(
         objective = Objective(architecture, network, encoding, recipe)
         preparation = Preparation(architecture, encoding, where)
         data = batches(train, preparation), batches(valid, preparation)
+        prepared = time.perf_counter()
+        with torch.random.fork_rng(devices, device_type=where.type):
+            _warm_up(objective, data[1])
+        started += time.perf_counter() - prepared
         history, best = _improve(objective, *data, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     mixed = train.buffer if isinstance(train, ExampleStream) and not train.endless else None
     return Trained(model, history, best, seconds, str(where), torch.get_num_threads(), mixed)
+
+
+def _warm_up(objective: Objective, data: Batches) -> None:
+    """A step of a copy of the network: the first imports and compiles, for seconds or minutes."""
+    copy = replace(objective, network=deepcopy(objective.network))
+    batch = next(iter(data.in_order(2)))
+    Descent(copy.network, copy.recipe, steps=1).step(copy.loss(batch))
+    copy.score(batch)
 
 
 def _improve(

@@ -172,3 +172,11 @@ def test_an_item_counts_when_the_work_on_it_is_over(monkeypatch, capsys):
     assert "working: 2/2" in capsys.readouterr().err
     assert list(each("working", ["a"])) == ["a"]
     assert capsys.readouterr().err == ""
+
+
+def test_high_rates_are_written_out(monkeypatch, capsys):
+    monkeypatch.setattr("cli.progress.LINE_SECONDS", 0.0)
+    with progress("drawing") as shown:
+        shown.expect(2_000_000)
+        shown.done(1_000_000)
+    assert re.search(r", \d{1,3}(,\d{3})+/s, ", capsys.readouterr().err)

@@ -8,7 +8,8 @@ from pipeline.experiments import paper
 from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment1 import objectives_table
 from pipeline.experiments.experiment2 import sizes_tables
-from pipeline.experiments.trainings import findings, training_table
+from pipeline.experiments.trainings import curves_figure, findings, training_table
+from pipeline.figures.style import styles
 
 
 def test_training_times_stand_beside_the_papers(results):
@@ -68,3 +69,11 @@ def test_feed_forward_networks_train_quicker_where_they_do_beyond_the_spread(
     assert answer.numbers.endswith("(paper: 25.1 to 264 against 207 to 1,291)")
     table.loc[table["arch"] == "ff1", "threads"] = "8"
     assert findings(table) == []
+
+
+@pytest.mark.parametrize(("epochs", "marker"), [(1, "."), (2, "")])
+def test_losses_of_one_epoch_are_points_since_no_line_is_seen(epochs, marker):
+    losses = {"epoch": range(1, epochs + 1), "train_loss": 0.2, "valid_loss": 0.1}
+    curves = pd.DataFrame(losses).assign(arch="ff1", recipe="tuned", training_seed=0)
+    (panel,) = curves_figure(curves, styles(["ff1"])).axes
+    assert [line.get_marker() for line in panel.lines] == [marker, marker]

@@ -13,6 +13,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.progress import Progress
+from pipeline.training import loop
 from pipeline.training.loop import train
 
 PROBLEM = Problem(nodes=4)
@@ -197,3 +198,16 @@ def test_fields_of_a_recipe_change_the_weights_unless_they_are_said_to_be_unused
     other = run(arch, "tuned", few, fewer, epochs=1, **(told | {field: OTHERWISE[field]}))
     same = torch.equal(weights(plain), weights(other))
     assert same == (field in unused_fields(find(arch)))
+
+
+def test_what_a_process_does_for_its_first_training_alone_is_not_of_the_seconds(monkeypatch):
+    adam, now = torch.optim.Adam, [0.0]
+
+    def first(*args, **kwargs):  # imports for seconds, as torch's does
+        now[0] += 5.0 * (now[0] == 0.0)
+        return adam(*args, **kwargs)
+
+    monkeypatch.setattr(loop.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(torch.optim, "Adam", first)
+    assert run(epochs=2).seconds == 0.0
+    assert now == [5.0]
