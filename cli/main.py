@@ -8,7 +8,9 @@ import gc
 import os
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -17,6 +19,7 @@ from typer.main import get_command_name
 from cli import convert, dataset, experiments, fly, models, plan, scenario, train
 from cli.app import CommandGroup
 from cli.output import echo
+from pipeline.files import lowest
 
 # Threads that wait for each other sleep. Where they spin, as by OpenMP's default, and another
 # program wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
@@ -28,6 +31,25 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 gc.set_threshold(50_000)
 atexit.register(gc.freeze)
 
+
+def _no_place_for_matplotlib() -> bool:
+    """Whether matplotlib cannot write in the home, as in a container, nor has another place."""
+    if "MPLCONFIGDIR" in os.environ:
+        return False
+    try:
+        config = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # there is no home
+        return True
+    places = lowest(config), lowest(cache)
+    return not all(place.is_dir() and os.access(place, os.W_OK) for place in places)
+
+
+if _no_place_for_matplotlib():  # it would say so, and look through all fonts each time
+    from pipeline.scratch import own_folder
+
+    with suppress(OSError):
+        os.environ["MPLCONFIGDIR"] = own_folder("matplotlib")
 
 datasets = typer.Typer(
     name="dataset", cls=CommandGroup, subcommand_metavar="[COMMAND]", rich_markup_mode="markdown"

@@ -50,10 +50,10 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise InputError(f"{_lowest(folder)} is a file; expected a folder.") from error
+        raise InputError(f"{lowest(folder)} is a file; expected a folder.") from error
 
 
-def _lowest(folder: Path) -> Path:
+def lowest(folder: Path) -> Path:
     """The folder itself if it exists, or its lowest parent that does."""
     return next(path for path in (folder, *folder.parents) if os.path.lexists(path))
 
@@ -92,7 +92,7 @@ def refuse_undecodable(path: Path) -> None:
 def refuse_unwritable(path: Path) -> None:
     """Raise the error, InputError or OSError, that writing a file would, and leave no file."""
     place = _place_of(path)
-    folder = _lowest(place.parent)
+    folder = lowest(place.parent)
     if not folder.is_dir():
         raise InputError(f"{folder} is a file; expected a folder.")
     temporary = folder / _temporary_name(place)

@@ -88,6 +88,19 @@ def clear_scratch() -> None:
     clear_dead(place, PREFIX, remove)
 
 
+def own_folder(what: str) -> str:
+    """A temporary folder that this user alone may write to and that stays; OSError if another may.
+
+    For caches of libraries, where there is none in the home: what is in them may be run.
+    """
+    folder = Path(tempfile.gettempdir(), f"prolearn-{what}-{os.getuid()}")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise PermissionError(f"{folder} is another's")
+    return str(folder)
+
+
 @contextmanager
 def temporary_files_in(folder: Path) -> Iterator[None]:
     """Let libraries that make temporary files in the block make them in a folder."""

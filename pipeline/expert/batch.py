@@ -140,7 +140,8 @@ class Batch:
         if self.limits is not None:
             given = "within its limits of thrust and delta_v, in the intervals in which it may burn"
         reasons = []
-        for scenario, craft, collisions in zip(self.scenarios, impossible, close, strict=True):
+        each = zip(self.scenarios, self.swarms.starts, impossible, close, strict=True)
+        for scenario, start, craft, collisions in each:
             reason = _outside(scenario) or _meeting(scenario)
             if collisions:
                 reason = _too_close(scenario)
@@ -148,8 +149,19 @@ class Batch:
                 k = int(craft.argmax())
                 way = " by its waypoints" if scenario.waypoints else ""
                 reason = f"craft {k} cannot reach its goal{way} {given}, which is proven"
+                reason += self._adrift(int(start) + k)
             reasons.append(reason)
         return reasons
+
+    def _adrift(self, k: int) -> str:
+        """By how much one of all craft misses by drift, if no limits but its intervals hold it."""
+        if self.limits is None or self.arrivals is None or self.limits.burns[k].any(axis=1).all():
+            return ""
+        one, any_ = slice(k, k + 1), np.full(1, np.inf)
+        free = replace(self.limits[one], component=any_, norm=any_, delta_v=any_)
+        ends = self.initial[one], self.goal[one], self.problem
+        held = decoupled_optima(*ends, free, self.arrivals[one]).impossible[0]
+        return f"; {self.arrivals.missed_by_drift(k)[1]}" if held else ""
 
 
 def _outside(scenario: Scenario) -> str:

@@ -42,6 +42,11 @@ class Arrivals:
         there = states[:, list(self.nodes)].reshape(len(self), -1)
         return np.where(self.asked, self.wanted - there, 0.0)
 
+    def missed_by_drift(self, k: int) -> tuple[float, str]:
+        """The largest distance, m, by which craft k without burns misses, and that in words."""
+        far, fast = np.linalg.norm(self.miss[k].reshape(-1, 2, 3), axis=2).max(axis=0).tolist()
+        return far, f"by drift it misses by {far:.4g} m and {fast:.4g} m/s"
+
 
 def arrivals_of(
     initial: Formation,

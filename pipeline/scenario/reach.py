@@ -10,7 +10,7 @@ from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import craft_fuel_bound, minimum_limits, minimum_limits_at_nodes
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
-from pipeline.scenario.arrivals import arrivals_of
+from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import of_craft
@@ -36,8 +36,9 @@ def reachable(scenario: Scenario) -> Diagnostic:
     limits = scenario.limits
     if limits is None:
         return _within_max_acceleration(scenario)
-    needs = _needs(scenario, limits)
-    found = list(_faults(scenario, limits, needs))
+    at = _arrivals(scenario)
+    needs = _needs(scenario, limits, at)
+    found = list(_faults(scenario, limits, needs, at))
     cases = [case for case, _ in found]
     cure = "; or ".join(dict.fromkeys(cure for _, cure in found))
     wrong = "limits of thrust or Δv that are too low"
@@ -75,17 +76,19 @@ def _out_of_reach(k: int, least: float, limit: float) -> Case:
     return Case((k,), text, {"least_limit": least * (1 + LIMIT_ROUNDING)})
 
 
-def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
-    """Least limits and least Δv of each craft, without regard to other craft and impulse bits.
-
-    Waypoints count where they have a time.
-    """
+def _arrivals(scenario: Scenario) -> Arrivals:
+    """Required states of each craft: goals, and waypoints where they have a time."""
     problem, timed = scenario.problem, [one for one in scenario.waypoints if one.time is not None]
     passed = {
         craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
         for craft, some in of_craft(timed).items()
     }
-    at = arrivals_of(scenario.initial, scenario.goal, problem, passed)
+    return arrivals_of(scenario.initial, scenario.goal, problem, passed)
+
+
+def _needs(scenario: Scenario, limits: Limits, at: Arrivals) -> list[Need]:
+    """Least limits and least Δv of each craft, without regard to other craft and impulse bits."""
+    problem = scenario.problem
     reach, open_ = at.reach * at.asked[..., None], np.asarray(limits.burns.any(axis=2))
     limit = minimum_limits_at_nodes(at.miss, reach, open_, problem)
     norm = limit
@@ -103,12 +106,14 @@ def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
     ]
 
 
-def _faults(scenario: Scenario, limits: Limits, needs: Sequence[Need]) -> Iterator[Fault]:
+def _faults(
+    scenario: Scenario, limits: Limits, needs: Sequence[Need], at: Arrivals
+) -> Iterator[Fault]:
     """The first limit of each craft that is too low, and smallest burns that no limit allows."""
     for k in range(scenario.n):
         limit = needs[0].needed[k]
         if np.isinf(limit):
-            yield _no_way(k, limits, scenario)
+            yield _no_way(k, limits, scenario, at)
             continue
         if limit > 0 and (found := _no_burn_large_enough(k, limits, scenario.problem)):
             yield found
@@ -124,18 +129,19 @@ def _faults(scenario: Scenario, limits: Limits, needs: Sequence[Need]) -> Iterat
                 break
 
 
-def _no_way(k: int, limits: Limits, scenario: Scenario) -> Fault:
+def _no_way(k: int, limits: Limits, scenario: Scenario, at: Arrivals) -> Fault:
     """The fault of a craft that cannot reach its goal, however large its thrust."""
     may, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
     way = " by its waypoints" if k in of_craft(scenario.waypoints) else ""
     if may == problem.intervals:
         text = f"craft {k} cannot reach its goal{way}, however large its thrust"
         return Case((k,), text), TIME
+    miss, drift = at.missed_by_drift(k)
     text = (
         f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its "
-        f"goal{way} with any thrust"
+        f"goal{way} with any thrust; {drift}"
     )
-    case = Case((k,), text, {"may_burn": float(may)})
+    case = Case((k,), text, {"may_burn": float(may), "drift_miss": miss})
     return case, f"leave more time to burn by no_burn, or {TIME}"
 
 

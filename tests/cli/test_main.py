@@ -101,3 +101,15 @@ def test_a_signal_that_comes_in_a_finalizer_ends_the_run_all_the_same():
         [sys.executable, "-c", SWALLOWED], capture_output=True, text=True, timeout=40
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "ended\n", "")
+
+
+def test_where_the_home_takes_no_files_matplotlib_draws_without_a_word(tmp_path):
+    """As in a container; its caches stay in a temporary folder of this user."""
+    (tmp_path / "home").touch()
+    known = {key: os.environ[key] for key in os.environ if not key.startswith(("MPL", "XDG"))}
+    given = known | {"HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path)}
+    code = "import cli.main, matplotlib as m; print(m.get_configdir(), m.get_cachedir())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=given)
+    place = tmp_path / f"prolearn-matplotlib-{os.getuid()}"
+    assert (done.stdout, done.stderr) == (f"{place} {place}\n", "")
+    assert place.is_dir()

@@ -104,6 +104,21 @@ def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> No
     assert (done.returncode, done.stderr) == (2, said)
 
 
+def test_a_user_without_a_name_as_in_a_container_is_recorded_by_number_without_a_word(
+    fresh: Path,
+) -> None:
+    code = (
+        "import pwd\ndef unknown(number):\n    raise KeyError(number)\npwd.getpwuid = unknown\n"
+        "import registry.store\nfrom mlflow.tracking.context.registry import resolve_tags\n"
+        "print(resolve_tags()['mlflow.user'])"
+    )
+    names = {"LOGNAME", "USER", "LNAME", "USERNAME"}
+    given = {key: value for key, value in os.environ.items() if key not in names}
+    given["HOME"] = str(fresh)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=given)
+    assert (done.stdout, done.stderr) == (f"{os.getuid()}\n", "")
+
+
 def test_without_pip_a_training_is_recorded_without_a_word(
     folder: Path,
     trained: Trained,

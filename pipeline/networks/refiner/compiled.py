@@ -1,7 +1,6 @@
 """Numba's just-in-time compilation, with its cache on disk where some folder can be written."""
 
 import os
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 
 import numba
 from numba.core import config
+
+from pipeline.scratch import own_folder
 
 
 def _kept() -> bool:
@@ -23,18 +24,8 @@ def _kept() -> bool:
                 numba.njit(cache=True)(lambda: None)
                 return True
         with suppress(OSError):
-            config.CACHE_DIR = _own_folder()
+            config.CACHE_DIR = own_folder("numba")
     return False
-
-
-def _own_folder() -> str:
-    """A temporary folder that this user alone may write to, since what is in it is run."""
-    folder = Path(tempfile.gettempdir(), f"prolearn-numba-{os.getuid()}")
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
-        raise PermissionError(f"{folder} is another's")
-    return str(folder)
 
 
 KEPT = _kept()

@@ -13,7 +13,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.plan import INFEASIBLE, SOLVED, Requirements
 from pipeline.planners.named import NAMES, named_planner
-from pipeline.scenario import Scenario, check, draw
+from pipeline.scenario import Scenario, check, diagnostics, draw
+from pipeline.scenario.spacecraft import Spacecraft
 
 MOTION = Problem().mean_motion
 
@@ -86,6 +87,31 @@ def test_a_craft_that_its_thrust_limit_keeps_from_its_goal_has_no_plan(name):
     (plan,) = named_planner(name).plan([scenario])
     assert plan.status == INFEASIBLE
     assert "cannot reach its goal within max_acceleration" in plan.message
+
+
+@pytest.mark.parametrize("until", [1200.0, 1070.0])  # burns in no interval, or in the last alone
+def test_a_craft_that_may_not_burn_enough_is_said_to_miss_by_what_its_drift_does(until):
+    """By the state transition of Clohessy and Wiltshire in closed form."""
+    problem = Problem()
+    windows = Spacecraft(), Spacecraft(no_burn=((0.0, until),)), Spacecraft()
+    scenario = replace(draw("rings", 5, 3, 0, problem), craft=windows)
+    n, (x, y, z, vx, vy, vz) = MOTION, scenario.initial[1]
+    s, c, t = np.sin(n * problem.duration), np.cos(n * problem.duration), problem.duration
+    there = [
+        (4 - 3 * c) * x + s / n * vx + 2 / n * (1 - c) * vy,
+        6 * (s - n * t) * x + y - 2 / n * (1 - c) * vx + (4 * s / n - 3 * t) * vy,
+        c * z + s / n * vz,
+    ]
+    apart = np.linalg.norm(there - scenario.goal[1, :3])
+    assert f"which is proven; by drift it misses by {apart:.4g} m" in solve(scenario).message
+    (case,) = (one for found in diagnostics(scenario) for one in found.cases if "drift" in one.text)
+    assert case.craft == (1,)
+    assert case.numbers["drift_miss"] == pytest.approx(apart, rel=1e-9)
+    assert f"; by drift it misses by {apart:.4g} m" in case.text
+    short = replace(windows[1], delta_v=0.01, no_burn=((0.0, 800.0),))  # it lacks Δv, not time
+    plan = solve(replace(scenario, craft=(windows[0], short, windows[2])))
+    assert plan.status == INFEASIBLE
+    assert "drift" not in plan.message
 
 
 @pytest.mark.parametrize("beyond", [1e-7, 1e-6, 1e-4])
