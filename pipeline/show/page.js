@@ -102,7 +102,7 @@ function spaceTraces() {
       hoverinfo: "skip", showlegend: false, visible: shown.numbers,
     },
     lines(data.orbits.initial, { color: colour("initial"), width: 2 }, shown.initial),
-    lines(data.orbits.goal, { color: colour("goal"), width: 2, dash: "dash" }, shown.goal),
+    lines(data.orbits.goal, { color: colour("goal"), width: 3, dash: "dash" }, shown.goal),
     lines(data.positions, { color: colour("faint"), width: 1.5 }, shown.paths),
     lines(data.corridors, { color: colour("pair3"), width: 2 }, shown.paths),
     lines(data.obstacles.map(({ track }) => track), { color: colour("limit"), width: 2 }, shown.paths),
