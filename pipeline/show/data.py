@@ -22,6 +22,7 @@ SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference 
 CROWD = 100  # craft from which each has fewer samples, so that the page does not grow too large
 ORBIT_STEPS = (4, 8, 16, 32, 64)  # samples in each interval of an orbit of free drift: by need
 CHORD = 0.002  # most error of straight lines between them, as a share of the paths' extent
+PROBES = 16  # about how many points of an orbit must lie on another for both to be one line
 LARGER = 10.0  # orbits of more than so many times the extent of the paths are not drawn
 VISIBLE = 0.004  # least radius of what is drawn, as a share of the extent of all
 MOST_PAIRS = 6  # pairs whose separation is shown, each in a colour that can be told from the others
@@ -57,8 +58,8 @@ def page_data(plan: Plan) -> tuple[dict[str, Any], list[Pair]]:
         "goal": orbits(scenario.goal, problem.starting_at(problem.intervals), CHORD * extent),
     }
     for end, drift in drifts.items():
-        if _extent(drift) > LARGER * extent:
-            drifts[end] = drift[:0]
+        far = _extent(drift) > LARGER * extent
+        drifts[end] = drift[:0] if far else distinct(drift, 2 * CHORD * extent)
     separations = [norm(positions[pair.first] - positions[pair.second]) for pair in pairs]
     nearest = None
     if scenario.n > 1:
@@ -144,6 +145,18 @@ def orbits(states: Formation, problem: Problem, accuracy: float = np.inf) -> Flo
     return sampled
 
 
+def distinct(drifts: Float[Array, "n P 3"], accuracy: float) -> Float[Array, "kept P 3"]:
+    """Orbits that lie on no other before them: dashes of one would fill the gaps of another."""
+    boxes = np.concatenate([drifts.min(axis=1), drifts.max(axis=1)], axis=1)
+    kept: list[int] = []
+    for k, drift in enumerate(drifts):
+        points = drift[:: max(1, len(drift) // PROBES), None]
+        near = np.abs(boxes[kept] - boxes[k]).max(axis=1) <= accuracy
+        if all(_distance(points, one).max() > accuracy for one in drifts[kept][near]):
+            kept.append(k)
+    return drifts[kept]
+
+
 def closest_pairs(
     states: States, controls: Controls, problem: Problem, radii: Values | None = None
 ) -> list[Pair]:
@@ -183,6 +196,15 @@ def nearest_pair(positions: Float[Array, "n S 3"]) -> tuple[Int[Array, "S 2"], F
     # Where two craft are at the same position, the query may return the other one first.
     other = np.where(both[:, 0] == craft, both[:, 1], both[:, 0])
     return np.sort(np.stack([craft, other], axis=1), axis=1), distance.min(axis=1)
+
+
+def _distance(points: Float[Array, "K 1 3"], line: Float[Array, "P 3"]) -> Values:
+    """The distance of points from the nearest of a line of many, m."""
+    steps = np.diff(line, axis=0)
+    lengths = np.maximum(np.vecdot(steps, steps), np.finfo(float).tiny)
+    along = np.clip(np.vecdot(points - line[:-1], steps) / lengths, 0, 1)
+    nearest: Values = norm(points - line[:-1] - along[..., None] * steps).min(axis=1)
+    return nearest
 
 
 def _whole(values: Float[Array, "*shape"]) -> Any:

@@ -102,7 +102,7 @@ function spaceTraces() {
       hoverinfo: "skip", showlegend: false, visible: shown.numbers,
     },
     lines(data.orbits.initial, { color: colour("initial"), width: 2 }, shown.initial),
-    lines(data.orbits.goal, { color: colour("goal"), width: 2, dash: "dash" }, shown.goal),
+    lines(data.orbits.goal, { color: colour("goal"), width: 3, dash: "dash" }, shown.goal),
     lines(data.positions, { color: colour("faint"), width: 1.5 }, shown.paths),
     lines(data.corridors, { color: colour("pair3"), width: 2 }, shown.paths),
     lines(data.obstacles.map(({ track }) => track), { color: colour("limit"), width: 2 }, shown.paths),
@@ -253,6 +253,20 @@ const CONFIG = {
 const draw = () => Promise.all(Object.entries(PLOTS).map(([id, [traces, setting]]) =>
   Plotly.react(id, traces(), setting(), CONFIG)));
 
+/** All plots at once in the size and colours of a sheet: a browser that prints waits for nothing. */
+function drawPrinted() {
+  for (const [id, [traces, setting]] of Object.entries(PLOTS)) {
+    const { clientWidth: width, clientHeight: height } = find(id);
+    Plotly.react(id, traces(), { ...setting(), width, height }, CONFIG);
+  }
+  dispatchEvent(new Event("resize")); // which the canvas in 3D waits for
+  find("space")._fullLayout.scene._scene.glplot.redraw();
+  // Of that canvas browsers print what was on the screen, and so of a copy.
+  const drawn = find("space").querySelector("canvas"), copy = find("printed");
+  [copy.width, copy.height] = [drawn.width, drawn.height];
+  copy.getContext("2d").drawImage(drawn, 0, 0);
+}
+
 /** The words beside the slider: when it is, and who is closest then. */
 function tell() {
   const time = data.times[state.sample].toFixed(1);
@@ -336,8 +350,8 @@ function listen() {
   narrow.addEventListener("change", draw);
   for (const event of ["beforeprint", "afterprint"])
     addEventListener(event, () => {
-      document.documentElement.toggleAttribute("data-print", event === "beforeprint");
-      draw();
+      if (document.documentElement.toggleAttribute("data-print", event === "beforeprint")) drawPrinted();
+      else draw().then(() => dispatchEvent(new Event("resize")));
     });
 }
 

@@ -234,6 +234,17 @@ def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
     """
     light = ["#1a1a1a", "rgb(255, 255, 255)"]
     assert browser.execute_script(looks) == [*light, ink, page], "printed light"
+    printed = """
+        dispatchEvent(new Event("beforeprint"));
+        const copy = document.getElementById("printed"), wide = [copy.width / 2,
+            ...["space", "controls"].map((id) => document.getElementById(id)._fullLayout.width)];
+        const seen = copy.getContext("2d").getImageData(0, 0, copy.width, copy.height).data;
+        dispatchEvent(new Event("afterprint"));
+        const at = Array.from({length: seen.length / 4}, (_, k) => 4 * k);
+        return [wide, at.some((k) => seen[k + 3] > 250 && Math.max(...seen.slice(k, k + 3)) < 60)];
+    """
+    assert browser.execute_script(printed) == [[700] * 3, True], "a sheet's width, in dark ink"
+    wait_for(browser, "return find('space')._fullLayout.width < 390")
     dashes = browser.execute_script(
         "return ['initial', 'goal'].map((end) => getComputedStyle("
         "document.querySelector(`label.${end}`), '::after').borderTopStyle)"

@@ -16,6 +16,7 @@ from pipeline.scenario import draw
 from pipeline.scenario.document import read_scenario
 from pipeline.show.data import (
     closest_pairs,
+    distinct,
     nearest_pair,
     orbits,
     page_data,
@@ -186,6 +187,19 @@ def test_orbits_far_larger_than_the_paths_are_not_drawn_and_others_without_corne
         along = np.vecdot(point - start, step) / np.vecdot(step, step)
         nearest = start + np.clip(along, 0, 1)[:, None] * step
         assert np.linalg.norm(point - nearest, axis=1).min() < 0.01 * size
+
+
+def test_craft_that_share_an_orbit_share_its_line():
+    """So that the dashes of one do not fill the gaps of another; each craft is on a line."""
+    scenario = draw("rings", 0, 30, 0, PROBLEM)
+    data, _ = page_data(solve(scenario))
+    assert [len(data["orbits"][end]) for end in ("initial", "goal")] == [2, 1]
+    lines = np.array(data["orbits"]["initial"]) / 100
+    for state in scenario.initial[:, :3]:
+        assert np.linalg.norm(lines - state, axis=-1).min() < 15, "half of a step along it"
+    apart = distinct(lines + np.array([[[0.0]], [[1.0]]]), 0.1)
+    assert len(apart) == 2
+    assert len(distinct(np.zeros((3, 5, 3)), 0.1)) == 1, "craft that rest in one place"
 
 
 def test_a_cone_is_drawn_as_far_as_its_craft_and_small_craft_so_that_they_are_seen():
