@@ -150,9 +150,14 @@ class PairedComparison:
     fuel_interval: Interval  # Student's
 
     @property
+    def safety_differs(self) -> bool:
+        """Whether the difference in safety is significant."""
+        return self.safe_p_value <= 1 - intervals.CONFIDENCE
+
+    @property
     def better(self) -> bool:
         """Whether the first is safer or, if safety does not differ significantly, cheaper."""
-        return self.safe > 0 if self.safe_p_value <= 1 - intervals.CONFIDENCE else self.fuel < 0
+        return self.safe > 0 if self.safety_differs else self.fuel < 0
 
 
 def compare(
