@@ -233,8 +233,12 @@ def compare_families(
 def _listed(rows: pd.DataFrame, one: Average) -> str:
     columns = rows[["planner", one.source, one.spread]]
     return ", ".join(
-        f"{labels.name_of(planner)} {labels.number(mean)}"
-        + ("" if pd.isna(spread) else f" ± {labels.number(spread)}")
+        f"{labels.name_of(planner)} "
+        + (
+            labels.number(mean)
+            if pd.isna(spread)
+            else labels.with_spread(labels.number(mean), labels.number(spread))
+        )
         for planner, mean, spread in columns.itertuples(index=False)
     )
 
