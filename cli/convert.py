@@ -17,7 +17,7 @@ Format = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
 
 def convert(
     plan: PlanFile,
-    to: Annotated[Format, option("Format.")],
+    to: Annotated[Format, option("oem, opm, csv, parquet, burns or basilisk.", metavar="FORMAT")],
     out: Annotated[
         Path | None, option("A file or -, for OEM and OPM a folder; by default named as the plan.")
     ] = None,

@@ -280,7 +280,11 @@ def print_trials(summaries: "Sequence[Summary]", radius: float, size: float) -> 
         if any(value is not None for value in values):
             lines.append([label, *(MISSING if v is None else text(v) for v in values)])
     count = summaries[0].trials
-    print_table([f"{count} trial{'s' * (count != 1)}", *(one.loop for one in summaries)], lines)
+    headings = [
+        f"{count} trial{'s' * (count != 1)}",
+        *(one.loop.replace(", ", ",\n") for one in summaries),
+    ]
+    print_table(headings, lines, folded=True)
 
 
 # Label, field of a summary, and how it is written

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from io import TextIOWrapper
 from itertools import accumulate
+from textwrap import fill
 from typing import Any
 
 import typer
@@ -65,12 +66,13 @@ def print_table(
     *,
     texts: Collection[int] = (0,),
     marked: Collection[int] = (),
+    folded: bool = False,
 ) -> None:
     """Print a table, plain and in full width where it does not go to a terminal.
 
-    On a terminal the first column is cut at its beginning where the rest would not fit; columns
-    that still do not fit follow in a table below. Columns in ``texts`` are aligned left, the
-    others right; rows in ``marked`` are red.
+    On a terminal the first column is cut at its beginning, or ``folded`` at spaces, where the rest
+    would not fit; columns that still do not fit follow in a table below. Columns in ``texts`` are
+    aligned left, the others right; rows in ``marked`` are red.
     """
     rows = [[visible(cell) for cell in row] for row in rows]
     console = wide_console()
@@ -82,14 +84,15 @@ def print_table(
         for which in (range(fit), [0, *range(fit, len(wide))]):
             part = [[row[k] for k in which] for row in (headings, *rows)]
             left = [k for k, column in enumerate(which) if column in texts]
-            print_table(part[0], part[1:], texts=left, marked=marked)
+            print_table(part[0], part[1:], texts=left, marked=marked, folded=folded)
         return
     room = max(LEAST, console.width - sum(wide[1:]) - len(wide))
     table = Table(box=None, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
     for k, heading in enumerate(headings):
         table.add_column(heading, justify="left" if k in texts else "right", no_wrap=True)
     for k, (first, *cells) in enumerate(rows):
-        shown = first if len(first) <= room else f"…{first[1 - room :]}"
+        cut = fill(first, room, subsequent_indent="    ") if folded else f"…{first[1 - room :]}"
+        shown = first if len(first) <= room else cut
         table.add_row(*map(Text, (shown, *cells)), style="red" if k in marked else None)
     console.print(table)
 

@@ -376,6 +376,7 @@ class OrbitPlace:
 
 
 ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "none"]
+PRESETS = "Preset cold-gas, calibrated, uncalibrated, electric or none"  # too long for a metavar
 
 
 @dataclass(frozen=True)
@@ -398,7 +399,8 @@ class RiskSettings:
     )
 
     errors: ErrorPreset | None = setting(
-        "Instead of sigmas: errors as of `prolearn fly`, but for missed burns."
+        f"Instead of sigmas: errors as of `prolearn fly`, but for missed burns. {PRESETS}.",
+        metavar="PRESET",
     )
     closed_loop: bool = setting(
         "Risk with feedback: deviations are corrected at each node from estimated states.",
@@ -469,7 +471,7 @@ class FlownTrials:
     trials: int | None = _trial("Fly so many times, with errors that differ.")
     seed: int = _trial("Root seed of the errors.", default=0)
     errors: ErrorPreset = _trial(
-        "Preset of errors; --error changes single ones.", default="cold-gas"
+        f"{PRESETS}; --error changes single ones.", default="cold-gas", metavar="PRESET"
     )
     error: list[str] | None = _trial(
         "Change one: magnitude=0.05. Names: position, velocity, position_bias, velocity_bias, "

@@ -89,7 +89,8 @@ def record(
         (scratch / TABLE).parent.mkdir()
         (scratch / TABLE).write_bytes(content[TABLE])
         tags[SEQUENCE] = _next_number(store, experiment)
-        name = experiment.removeprefix("prolearn-")
+        kind = [str(params["optimizer"])] if "optimizer" in params else []
+        name = "-".join([experiment.removeprefix("prolearn-"), *kind])
         with recorded_run(store, experiment, name, tags) as run_id:
             store.client.log_batch(run_id, params=entities.params_of(params))
             if dataset is not None:

@@ -142,7 +142,7 @@ def register_kept(folder: Path) -> models.ModelVersion:
 def _register(folder: Path, model: Model, record: TrainingRecord) -> models.ModelVersion:
     arch, params = model.architecture, record.params
     with opened() as store:
-        name = f"{arch}-{params['recipe']}"
+        name = f"{arch}-{params['recipe']}-seed{params['seed']}"
         with recorded_run(store, TRAINING, name, record.tags) as run_id:
             facts = {k: params[k] for k in ("train_instances", "valid_instances")}
             used = params["dataset"], params["dataset_digest"], entities.TRAINING_DATA, facts

@@ -196,8 +196,10 @@ def _compared(
         raise InputError("there are no validation scenarios")
     compared = compare(mine, theirs, "fuel")
     ours, others = flown_metrics(mine), flown_metrics(theirs)
+    chance = ", since the difference in safety may be chance" if compared.safe else ""
+    why = "" if compared.safety_differs else f"; fuel decides{chance}"
     return compared.better, (
         f"of {compared.trials} validation scenarios {100 * ours[SAFE_SHARE]:.1f} % are safe with "
         f"version {version.version} and {100 * others[SAFE_SHARE]:.1f} % with version "
-        f"{champion.version}, at {ours[FUEL]:.3g} and {others[FUEL]:.3g} m/s²"
+        f"{champion.version}, at {ours[FUEL]:.3g} and {others[FUEL]:.3g} m/s²{why}"
     )

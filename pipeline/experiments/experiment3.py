@@ -27,7 +27,13 @@ ONE_SOLVE = average("Done in one", "one_solve_share", share, "one")
 MEDIAN = average("Time, median (s)", "seconds_median", number, "seconds", "median")
 MEAN = average("Time, av. (s)", "seconds_mean", number, "seconds")
 DEVIATION = average("Time, s.d. (s)", "seconds_deviation", number, "seconds", "std")
-GAP = average("Gap, av. (%)", "gap_mean", lambda v: number(100 * v), "gap", spread=True)
+ROUNDING = 1e-12  # gaps below are rounding of the arithmetic
+GAP = average(
+    *("Gap, av. (%)", "gap_mean"),
+    lambda v: number(0.0 if abs(v) < ROUNDING else 100 * v),
+    "gap",
+    spread=True,
+)
 FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel")
 CLEAR = average("Clear at the nodes", "solved_share", share, "solved", wilson=True)
 SAFE = average("Safe at all times", "safe_share", share, "safe", wilson=True)

@@ -150,9 +150,14 @@ class PairedComparison:
     fuel_interval: Interval  # Student's
 
     @property
+    def safety_differs(self) -> bool:
+        """Whether the difference in safety is significant."""
+        return self.safe_p_value <= 1 - intervals.CONFIDENCE
+
+    @property
     def better(self) -> bool:
         """Whether the first is safer or, if safety does not differ significantly, cheaper."""
-        return self.safe > 0 if self.safe_p_value <= 1 - intervals.CONFIDENCE else self.fuel < 0
+        return self.safe > 0 if self.safety_differs else self.fuel < 0
 
 
 def compare(
@@ -228,8 +233,12 @@ def compare_families(
 def _listed(rows: pd.DataFrame, one: Average) -> str:
     columns = rows[["planner", one.source, one.spread]]
     return ", ".join(
-        f"{labels.name_of(planner)} {labels.number(mean)}"
-        + ("" if pd.isna(spread) else f" ± {labels.number(spread)}")
+        f"{labels.name_of(planner)} "
+        + (
+            labels.number(mean)
+            if pd.isna(spread)
+            else labels.with_spread(labels.number(mean), labels.number(spread))
+        )
         for planner, mean, spread in columns.itertuples(index=False)
     )
 

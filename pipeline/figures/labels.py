@@ -65,6 +65,26 @@ def ratio_within(value: float, interval: tuple[float, float]) -> str:
     return ratio(value) if math.isnan(interval[0]) else f"{ratio(value)} {ratios(*interval)}"
 
 
+def with_spread(value: str, spread: str) -> str:
+    """Texts of a value and its spread, with the value's decimals; one where a share's has some.
+
+    >>> with_spread("1.90", "0.0472"), with_spread("44 %", "2.1 %")
+    ('1.90 ± 0.05', '44.0 % ± 2.1 %')
+    """
+    unit = " %" if value.endswith(" %") else ""
+    mean, size = (text.removesuffix(unit).replace(",", "") for text in (value, spread))
+    try:
+        known, noise = float(mean), float(size)
+    except ValueError:  # one of them says no number, such as "< 0.1 %"
+        return f"{value} ± {spread}"
+    decimals = len(mean.partition(".")[2]) or (1 if unit and "." in size else 0)
+    if "e" in mean or noise == 0:
+        return f"{value} ± {spread}"
+    least = f"{10**-decimals:.{decimals}f}"
+    text = f"{noise:,.{decimals}f}" if noise >= float(least) / 2 else f"< {least}"
+    return f"{known:,.{decimals}f}{unit} ± {text}{unit}"
+
+
 def span(values: Iterable[float]) -> str:
     """The least and the greatest of some numbers."""
     given = list(values)

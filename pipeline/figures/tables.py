@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.labels import percents
+from pipeline.figures.labels import percents, with_spread
 from pipeline.files import write_rows
 from pipeline.markup import Markdown, table, template
 
@@ -136,7 +136,7 @@ def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
     for value, (_, row) in zip(values, frame.iterrows(), strict=True):
         text = column.text(float("nan") if pd.isna(value) else float(value))
         if column.spread and pd.notna(row[column.spread]):
-            text += f" ± {column.text(float(row[column.spread]))}"
+            text = with_spread(text, column.text(float(row[column.spread])))
         if column.interval and pd.notna(row[column.interval[0]]):
             text += f" {column.bounds(*row[list(column.interval)])}"
         texts.append(text)

@@ -275,8 +275,8 @@ def _size_rows(scenario: Scenario) -> Rows:
 
 
 def _corridor(one: Corridor) -> str:
-    who = ", ".join(map(str, one.craft)) or "all"
-    return f"{one.inside}, craft {who}, {one.begin:g} to {one.end:g} s"
+    who = f"craft {', '.join(map(str, one.craft))}" if one.craft else "all craft"
+    return f"{one.inside}, {who}, {one.begin:g} to {one.end:g} s"
 
 
 def _limit_rows(scenario: Scenario) -> Rows:

@@ -1,9 +1,10 @@
 """prolearn fly --trials: a plan flown many times with errors, as a person meets it."""
 
 import json
+import re
 import signal
 import time
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,9 @@ import torch
 from forked import LEAD
 from scipy.stats import binom
 
+from cli.fly import QUANTITIES, print_trials
 from pipeline.expert import solve, within_risk
+from pipeline.flight.summary import Summary
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -90,6 +93,20 @@ def test_without_errors_in_the_linear_world_the_table_has_the_plans_own_numbers(
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert "within r_col, 25 m" in done.stdout
     assert "here/" in done.stdout
+
+
+def test_on_a_terminal_of_80_columns_labels_are_whole(monkeypatch, capsys):
+    interval = dict.fromkeys(("within_radius_interval", "within_size_interval"), (0.996, 1.0))
+    numbers = {one.name: 1.0 for one in fields(Summary) if one.default is MISSING}
+    flown = [Summary(**numbers | interval | {"loop": name, "trials": 900}) for name in LOOPS]
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    monkeypatch.setenv("COLUMNS", "80")
+    print_trials(flown, 15.0, 5.0)
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
+    assert max(map(len, lines)) <= 80
+    labels = " ".join(" ".join(line[:19] for line in lines).split())
+    for label, name, _ in QUANTITIES:
+        assert name not in numbers or label.strip() in labels
 
 
 def test_of_one_trial_the_table_says_so(prolearn, plan):

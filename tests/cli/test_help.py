@@ -1,5 +1,6 @@
 """Help: every command has examples that can be given as they stand."""
 
+import re
 import shlex
 
 import pytest
@@ -44,5 +45,6 @@ def test_on_80_columns_every_example_is_a_line_of_its_own(path, prolearn):
     assert done.returncode == 0
     shown = [line.strip() for line in done.stdout.splitlines()]
     assert max(map(len, done.stdout.splitlines())) <= 80
+    assert not re.search(r"<[\w|-]+\s", done.stdout), "choices are on one line"
     for line in examples(COMMANDS[path]):
         assert line in shown

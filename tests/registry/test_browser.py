@@ -85,7 +85,7 @@ def test_six_runs_are_marked_in_the_table_and_compared_side_by_side(
     from selenium.webdriver.common.by import By
 
     versions = {version.arch: version for version in list_versions()}
-    names = [f"{arch}-tuned" for arch in ARCHITECTURES]
+    names = [f"{arch}-tuned-seed0" for arch in ARCHITECTURES]
 
     browser.get(f"{address}/#/experiments/1/runs")
     text_with(browser, *names, "6 matching runs")

@@ -45,6 +45,23 @@ def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> N
     assert [v.aliases for v in list_versions()] == [("champion",), ()]
 
 
+@pytest.mark.parametrize(
+    ("safe", "said"),
+    [
+        ([True] * 5 + [False], "m/s²; fuel decides, since the difference in safety may be chance"),
+        ([True] * 6, "m/s²; fuel decides"),
+        ([False] * 6, "m/s²"),  # none of six: once in 32 by chance
+    ],
+)
+def test_the_reason_says_whether_safety_decides_or_fuel(
+    safe: list[bool], said: str, register: Register, solved: Path
+) -> None:
+    register(0.0)
+    other, model = register(2.0)
+    trials = validation_trials(model, solved, 3).assign(safe=safe)
+    assert challenge(other, trials, solved).reason.endswith(said)
+
+
 def test_versions_of_other_data_are_compared_on_one_that_is_given(
     register: Register, solved: Path
 ) -> None:

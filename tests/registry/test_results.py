@@ -68,6 +68,18 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
     assert len(table_of(found)) == 2
 
 
+def test_runs_of_an_experiment_are_told_apart_by_name(
+    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    of = [record_training(trained, recipe=recipe, seed=k, dataset=dataset).run_id for k in range(2)]
+    of += [record(WARMSTART, TRIALS, params={"optimizer": name}) for name in ("expert", "plain")]
+    of.append(record(EVALUATION, TRIALS, params={}))
+    assert [connect().client.get_run(run_id).info.run_name for run_id in of] == [
+        *("ff1-tuned-seed0", "ff1-tuned-seed1", "warmstart-expert", "warmstart-plain"),
+        "evaluation",
+    ]
+
+
 def test_without_an_evaluation_the_command_that_makes_one_is_named(folder: Path) -> None:
     with pytest.raises(InputError, match="run `prolearn evaluate` first"):
         evaluation()

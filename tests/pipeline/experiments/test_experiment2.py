@@ -142,7 +142,7 @@ def test_fuel_by_family_stands_beside_the_papers_at_ten_and_in_the_largest_swarm
     ten, thirty = fuel_findings(table)
     assert (ten.verdict, thirty.verdict) == ("Confirmed", "Contradicted")
     # the standard deviation of two that differ by 2 is √2
-    said = "LSTM1 5.00 ± 1.41 against FF1 10.0 ± 1.41 (paper: 0.76 at best against 2.98 at worst)"
+    said = "LSTM1 5.00 ± 1.41 against FF1 10.0 ± 1.4 (paper: 0.76 at best against 2.98 at worst)"
     assert ten.numbers == f"fuel in m/s² at n = 10, paper recipe, as predicted: {said}"
     assert thirty.numbers.endswith("(paper: 2.24 at best against 5.71 at worst)")
 

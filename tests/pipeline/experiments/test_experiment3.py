@@ -120,6 +120,11 @@ def test_warm_start_tables_print_the_ratio_to_no_seed(warmstarts):
     assert ["first safe", "FF1 tuned", "2.00", "66.7 %", "0.100", ratio, "15.0", ALL_OF_3] in body
 
 
+def test_a_gap_that_is_rounding_of_the_arithmetic_is_none(warmstarts):
+    header, body = cells(warmstart_table(warmstarts.assign(optimality_gap=2.2e-16), "expert", 10))
+    assert {row[header.index("Gap, av. (%)")] for row in body} == {"0"}
+
+
 def test_the_plain_scps_table_says_what_is_clear_at_the_nodes_and_what_at_all_times(both):
     table = warmstart_table(both, "plain", 10)
     header, body = cells(table)

@@ -52,6 +52,12 @@ def test_the_page_refers_to_nothing_outside_itself(report):
     assert "url(" not in text
 
 
+def test_printed_tables_keep_all_their_columns(report):
+    printed = report.html.read_text().split("@media print", 1)[1].split("</style>")[0]
+    assert ".table { overflow: visible; }" in printed
+    assert "td { white-space: normal; }" in printed
+
+
 def test_what_an_earlier_report_had_and_this_one_has_not_is_removed(trials_at, tmp_path):
     others = ["tables/mine.csv", "figures/experiment4-tuned.pdf", "experiment5.csv"]
     earlier = ["report.md", "tables/experiment4-safe.csv", "figures/experiment4-tuned.svg"]

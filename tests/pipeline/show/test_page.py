@@ -119,6 +119,7 @@ def test_a_single_crafts_verdict_names_the_margin_of_its_corridor():
     text = parsed(page(plan, "p")[0]).text
     told = f"at {inside.time:.1f} s it is {inside.min_margin:.4f} m inside of it."
     assert "Reaches its goal" in text and told in text
+    assert ", all craft, 0 to " in text
     cone = replace(scenario.corridors[0].inside, half_angle_deg=3.0)
     narrow = replace(scenario, corridors=(replace(scenario.corridors[0], inside=cone),))
     text = parsed(page(replace(plan, scenario=narrow), "p")[0]).text
