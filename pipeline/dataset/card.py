@@ -336,7 +336,7 @@ def _percent(share: float) -> str:
 
 
 def _number(value: float, form: str) -> str:
-    return "" if pd.isna(value) else form.format(value)
+    return "" if pd.isna(value) else form.format(value).removesuffix(".")
 
 
 def preset_of(manifest: Manifest) -> str | None:

@@ -173,7 +173,7 @@ function separationLayout() {
   const named = most === data.collisionRadius ? "r_col" : "both radii";
   const level = (y, look) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: look });
   const high = top / (narrow.matches ? 13 : 16); // of a label, more or less
-  const label = (y, text, x, other) => {
+  const label = (y, text, x, other, tint = "ink") => {
     const low = Math.min(y, other), gap = Math.abs(y - other);
     const under = low >= high || (y > other && gap >= high);
     // Below its line, over which curves pass, or below both, where there is room; else above.
@@ -181,7 +181,7 @@ function separationLayout() {
       xref: "paper", x, xanchor: x ? "right" : "left", text, showarrow: false,
       y: gap < high ? (under ? low : Math.max(y, other)) : y,
       yanchor: under ? "top" : "bottom", yshift: under ? -2 : 2,
-      bgcolor: colour("page"), opacity: 0.85,
+      bgcolor: colour("page"), opacity: 0.85, font: { color: colour(tint) },
     };
   };
   return layout({
@@ -193,7 +193,7 @@ function separationLayout() {
     ] : data.wanted.map((wanted, k) =>
       level(wanted, { color: colour(`pair${k}`), width: 1.8, dash: "dash" })))],
     annotations: alike ? [
-      label(most, `${named} ${most} m`, 0, bound),
+      label(most, `${named} ${most} m`, 0, bound, "limit"),
       label(bound, `proven: never below ${(Math.floor(bound * 1000) / 1000).toFixed(3)} m`, 1, most),
     ] : [label(most, "dashed: both radii of each pair", 0, 0)],
   });

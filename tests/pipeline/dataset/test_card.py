@@ -160,6 +160,10 @@ def test_the_gaps_in_the_card_are_those_of_the_rows(carded):
         assert float(row[7]) == pytest.approx(separation, abs=1e-3)
 
 
+def test_numbers_of_four_digits_end_in_no_point():
+    assert [card._number(value, "{:#.4g}") for value in (0.5, 1234.4)] == ["0.5000", "1234"]
+
+
 def test_scenarios_without_a_plan_are_counted_and_cost_the_others_nothing(tmp_path):
     folder = tmp_path / "limited"
     sample(folder, {10: Sample(count=6)}, Problem(max_acceleration=7e-4), workers=ONE)

@@ -208,13 +208,15 @@ def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, ope
     )
     under = [(15.0, "top"), (found.min_separation_bound, "top")]
     assert [(one["y"], one["yanchor"]) for one in words] == under, "curves pass above"
+    tints = [one["font"]["color"] for one in words]
+    assert tints == [shape["line"]["color"] for shape in shapes[1:]], "of their lines"
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
     scenario = draw("rings", 0, n, 0, Problem())
     plan = solve(scenario)
-    opened(plan, width=390, theme="dark")
+    opened(plan, width=390, theme="dark", height=600)
     by(browser, "#time").send_keys("\ue010")  # the key End
     assert_true_to(browser, plan, scenario, 1200.0)
     wide, ink, page = browser.execute_script(
@@ -245,6 +247,14 @@ def test_few_craft_are_shown_on_a_phone_in_the_dark(browser, opened, n):
     """
     assert browser.execute_script(printed) == [[700] * 3, True], "a sheet's width, in dark ink"
     wait_for(browser, "return find('space')._fullLayout.width < 390")
+    hidden = """
+        const marked = document.getElementById("marked");
+        const edge = (one) => one.getBoundingClientRect();
+        scrollBy(0, edge(marked).bottom + 20 - innerHeight);
+        marked.focus();
+        return edge(marked).bottom - edge(document.querySelector(".transport")).top;
+    """
+    assert browser.execute_script(hidden) < 0, "what has the focus is above the bar"
     dashes = browser.execute_script(
         "return ['initial', 'goal'].map((end) => getComputedStyle("
         "document.querySelector(`label.${end}`), '::after').borderTopStyle)"
