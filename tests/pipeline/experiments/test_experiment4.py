@@ -140,7 +140,7 @@ def test_the_report_has_the_section_with_figures_and_tables(trials_at, times, tm
     files = build_report(Results(trials_at(6), transfer_times=times), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 4: other transfer times")[1].split("\n## ")[0]
-    assert "6nT numbers wide" in section
+    assert "feed-forward networks have 6nT inputs and outputs" in section
     assert {"experiment4-paper", "experiment4-tuned"} <= {p.stem for p in files.figures}
     by_name = {p.stem: pd.read_csv(p, keep_default_na=False) for p in files.tables}
     safe = by_name["experiment4-safe"].set_index("planner")

@@ -318,7 +318,7 @@ def test_the_report_has_the_section_and_says_when_plans_hold(trials_at, tmp_path
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
     assert section.startswith("Plans hold outside the linear model where")
-    assert "in no more than 5 % of flights, by the whole interval" in section
+    assert "in no more than 5 % of flights, over the whole interval" in section
     assert "Plans of test scenarios, 100 of n = 10, are flown" in section
     assert "4 times, with the same draws" in section
     assert (

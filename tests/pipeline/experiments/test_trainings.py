@@ -9,7 +9,7 @@ from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment1 import objectives_table
 from pipeline.experiments.experiment2 import sizes_tables
 from pipeline.experiments.trainings import curves_figure, findings, training_table
-from pipeline.figures.style import styles
+from pipeline.figures.style import planner_styles
 
 
 def test_training_times_stand_beside_the_papers(results):
@@ -75,5 +75,5 @@ def test_feed_forward_networks_train_quicker_where_they_do_beyond_the_spread(
 def test_losses_of_one_epoch_are_points_since_no_line_is_seen(epochs, marker):
     losses = {"epoch": range(1, epochs + 1), "train_loss": 0.2, "valid_loss": 0.1}
     curves = pd.DataFrame(losses).assign(arch="ff1", recipe="tuned", training_seed=0)
-    (panel,) = curves_figure(curves, styles(["ff1"])).axes
+    (panel,) = curves_figure(curves, planner_styles(["ff1"])).axes
     assert [line.get_marker() for line in panel.lines] == [marker, marker]
