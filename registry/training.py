@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from mlflow.exceptions import MlflowException
 
-from pipeline.documents import parsed
+from pipeline.documents import parse_json
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import EpochLosses, Training
 from pipeline.experiments.trainings import curves_figure
@@ -187,7 +187,7 @@ def _keep(folder: Path, record: TrainingRecord) -> Path:
 
 def _read_record(path: Path) -> TrainingRecord:
     try:
-        record = TrainingRecord(**parsed(path.read_bytes()))
+        record = TrainingRecord(**parse_json(path.read_bytes()))
         if not all([*(record.params[name] for name in NEEDED), record.history["number"]]):
             raise ValueError("a part of it is empty")
         entities.curve_metrics(record.history)

@@ -59,12 +59,12 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
 
     batch, optima = task.batch, task.batch.optima
     assert batch.limits is not None
-    assert batch.arrivals is not None
+    assert batch.constraints is not None
     controls = optima.controls.copy()
     small = too_small(controls, batch.limits, batch.problem)
     for k in np.flatnonzero(small.any(axis=(1, 2))):
         craft = slice(k, k + 1)
-        at = batch.arrivals[craft]
+        at = batch.constraints[craft]
         sub = decoupled_program(at, batch.limits[craft], batch.problem).sub
         try:
             alone = by_integers(sub).controls.reshape(1, -1, 3)
@@ -72,7 +72,7 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
             why = f"craft {k} alone: {error}"
             return replace(result, feasible=False, obstacle=why)
         controls[craft] = polished(alone, at, batch.limits[craft], batch.problem)
-    whole = Batch(batch.scenarios, batch.limits, batch.arrivals)
+    whole = Batch(batch.scenarios, batch.limits, batch.constraints)
     whole.optima = replace(optima, controls=controls)
     search = replace(task, batch=whole, whole_burns=True)
     (found,) = Search(search, [result.controls]).run()
@@ -88,7 +88,7 @@ def _without(task: SearchProblem, result: SearchResult) -> SearchResult:
         if not dropped.any():
             break
         limits = replace(batch.limits, burns=batch.limits.burns & ~dropped)
-        batch = Batch(batch.scenarios, limits, batch.arrivals)
+        batch = Batch(batch.scenarios, limits, batch.constraints)
         if not batch.optima.feasible.all():
             k = int(batch.optima.feasible.argmin())
             why = f"no burns of craft {k} were found of at least {_least(batch)} each"

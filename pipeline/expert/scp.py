@@ -182,10 +182,10 @@ class Search:
         self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
         initial, goal, batch = self.batch.initial[craft], self.batch.goal[craft], self.batch
-        if batch.limits is None or batch.arrivals is None:
+        if batch.limits is None or batch.constraints is None:
             exact = meet_goal(initial, controls, goal, self.problem)
         else:
-            at, limits = batch.arrivals[craft], batch.limits[craft]
+            at, limits = batch.constraints[craft], batch.limits[craft]
             exact = polished(controls, at, limits, self.problem)
         return Trajectory(exact, fly(initial, exact, self.problem))
 
@@ -317,14 +317,14 @@ class Search:
             basis=None if basis is None else basis[craft],
             last=last,
         )
-        if batch.limits is None or batch.arrivals is None:
+        if batch.limits is None or batch.constraints is None:
             return SOLVERS[self.settings.solver](sub)
-        weight, at = batch.weight, batch.arrivals[craft]
+        weight, at = batch.weight, batch.constraints[craft]
         made = replace(
             sub,
             reach=at.reach,
             miss=at.miss,
-            constrained=at.asked,
+            constrained=at.constrained,
             thrust=self.problem.thrust,
             time_step=self.problem.time_step,
             limits=program_limits(batch.limits[craft]),

@@ -10,9 +10,9 @@ from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import craft_fuel_bound, minimum_limits, minimum_limits_at_nodes
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
-from pipeline.scenario.arrivals import arrivals_of
 from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.state_constraints import state_constraints
 from pipeline.scenario.waypoint import of_craft
 
 REACHABLE = "within reach"  # the rule
@@ -85,8 +85,8 @@ def _needs(scenario: Scenario, limits: Limits) -> list[Need]:
         craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
         for craft, some in of_craft(timed).items()
     }
-    at = arrivals_of(scenario.initial, scenario.goal, problem, passed)
-    reach, open_ = at.reach * at.asked[..., None], np.asarray(limits.burns.any(axis=2))
+    at = state_constraints(scenario.initial, scenario.goal, problem, passed)
+    reach, open_ = at.reach * at.constrained[..., None], np.asarray(limits.burns.any(axis=2))
     limit = minimum_limits_at_nodes(at.miss, reach, open_, problem)
     norm = limit
     if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
