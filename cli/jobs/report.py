@@ -116,8 +116,8 @@ def _parts_beside(first: Run) -> tuple[dict[str, ReportedRun], list[str]]:
                 "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; `{}` "
                 "with {} of this evaluation makes one."
             )
-            of = (name, other.run_id, _day(other), others, part.command, options)
-            notes.append(formatted(text, *of))
+            values = (name, other.run_id, _day(other), others, part.command, options)
+            notes.append(formatted(text, *values))
     return found, notes
 
 
