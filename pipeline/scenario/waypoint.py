@@ -96,10 +96,10 @@ def closest_pair(
     for k, one in enumerate(timed):
         others = k + 1 + np.flatnonzero(nodes[k + 1 :] == nodes[k])
         if len(others) > 0:
-            apart = np.linalg.norm(places[others] - places[k], axis=1)
-            least = int((apart - radii[craft[others]]).argmin())
+            distances = np.linalg.norm(places[others] - places[k], axis=1)
+            least = int((distances - radii[craft[others]]).argmin())
             other = int(craft[others[least]])
-            found.append((float(apart[least]), one.craft, other, one.time or 0.0))
+            found.append((float(distances[least]), one.craft, other, one.time or 0.0))
     return min(found, key=lambda one: one[0] - radii[one[1]] - radii[one[2]], default=None)
 
 
@@ -145,7 +145,9 @@ def waypoint_nodes(
     return found
 
 
-def missed(waypoints: Sequence[Waypoint], states: States, problem: Problem) -> tuple[float, float]:
+def waypoint_errors(
+    waypoints: Sequence[Waypoint], states: States, problem: Problem
+) -> tuple[float, float]:
     """Largest miss of waypoints by node states, m and m/s, at the nodes of ``waypoint_nodes``."""
     passed = waypoint_nodes(waypoints, states, problem)
     each = [_miss(one, states[craft, k]) for craft, some in passed.items() for k, one in some]
