@@ -133,7 +133,7 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
     if largest == n:
         return []
-    predicate = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
+    predicate = f"trained at n = {paper.NETWORK_SIZE} work at other sizes (n = {largest})?"
     return verdicts.network_findings(predicate, trials, training, largest)
 
 

@@ -187,14 +187,14 @@ def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], styles: Mapping[str, 
 LINE = "straight line"  # a seed
 
 PAPERS: Rules = (
-    ((True, ANY, True), "Yes for the paper's kind of optimizer from a blank start"),
+    ((True, ANY, True), "Yes for the paper's kind of optimizer, compared with no seed"),
     ((True, True, ANY), "No for the paper's kind of optimizer"),
     ((ANY, ANY, ANY), "Open for the paper's kind of optimizer"),
 )
 """By whether there are several trainings, and all seeds slow the plain SCP down or speed it up."""
 
 OURS: Rules = (
-    ((True, ANY), "none saves any"),
+    ((True, ANY), "none saves time"),
     ((ANY, True), "some save time"),
     ((ANY, ANY), "no saving is proven"),
 )

@@ -120,7 +120,7 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         rows = rows_varying(trials, varied).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
-        predicate = f"trained for {(nodes - 1) * time_step / 60:g} min serve other {called}?"
+        predicate = f"trained for {(nodes - 1) * time_step / 60:g} min work with other {called}?"
         everywhere = rows["minutes"].nunique()
         decoupled = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
         baseline = f"Decoupled optimum: {_worst(decoupled)}" if decoupled else ""

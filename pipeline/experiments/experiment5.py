@@ -289,8 +289,8 @@ def _markers(
 HOLDS: Rules = (
     ((True, ANY, ANY, ANY), "Yes, in open loop"),
     ((ANY, ANY, True, ANY), "Yes, replanned at every node"),
-    ((ANY, True, ANY, True), "Only with feedback, for a risk, or replanned with a margin"),
-    ((ANY, True, ANY, ANY), "Only with feedback, for a risk"),
+    ((ANY, True, ANY, True), "Only with feedback and a risk limit, or replanned with a margin"),
+    ((ANY, True, ANY, ANY), "Only with feedback and a risk limit"),
     ((ANY, ANY, ANY, True), "Only replanned at every node with a margin"),
     ((False, False, False, False), "No, not even with feedback or a margin"),
     ((False, ANY, ANY, ANY), "Not in open loop; otherwise too few scenarios"),
@@ -330,8 +330,8 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
 
 HOLD_AS_FLOWN: Rules = (
     ((True, True), "Yes, without errors"),
-    ((True, False), "Apart, but not at their goals"),
-    ((False, True), "At their goals, but not apart"),
+    ((True, False), "Safe, but not at their goals"),
+    ((False, True), "At their goals, but not safe"),
     ((False, False), "No"),
 )
 """By whether no pair of any plan comes within r_col, and whether all goals are met."""

@@ -186,10 +186,10 @@ LOWER: Rules = (
     ((True, ANY, True), "Contradicted"),
     ((True, ANY, MIXED), "Contradicted by some"),
     ((True, ANY, ANY), "Open: within the spread"),
-    ((False, True, ANY), "Open: one training of some, points to yes"),
-    ((False, ANY, True), "Open: one training of some, points to no"),
-    ((False, ANY, MIXED), "Open: one training of some, some points to no"),
-    ((False, ANY, ANY), "Open: one training of some, no trend"),
+    ((False, True, ANY), "Open: only one training of some; points to yes"),
+    ((False, ANY, True), "Open: only one training of some; points to no"),
+    ((False, ANY, MIXED), "Open: only one training of some; some point to no"),
+    ((False, ANY, ANY), "Open: only one training of some; no trend"),
 )
 """By whether there are several trainings of each, all are lower than others, and all are higher."""
 
@@ -235,7 +235,7 @@ def _listed(rows: pd.DataFrame, avg: Average) -> str:
 
 
 Name = tuple[str, str]  # of a network: planner and recipe
-PAPERS = "Does a network of the paper's"  # begins most questions on them
+PAPERS = "Does one of the paper's networks"  # begins most questions on them
 
 
 @dataclass(frozen=True)
