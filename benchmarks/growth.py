@@ -27,8 +27,8 @@ from pipeline.expert.conic_decoupled import minimum_fuel_by_cones
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
 from pipeline.scenario import Scenario, draw
-from pipeline.scenario.arrivals import arrivals_of
 from pipeline.scenario.spacecraft import limits_of
+from pipeline.scenario.state_constraints import state_constraints
 
 MARK = "<!-- made by python -m benchmarks.growth -->"
 SEED = 2022
@@ -66,7 +66,7 @@ def grown(n: int, count: int) -> Mapping[str, object]:
 def unit(scenario: Scenario) -> float:
     """Median CPU time, s, in which Clarabel finds the decoupled optimum of the first craft."""
     problem = scenario.problem
-    at = arrivals_of(scenario.initial[:1], scenario.goal[:1], problem, {})
+    at = state_constraints(scenario.initial[:1], scenario.goal[:1], problem, {})
     one = partial(minimum_fuel_by_cones, at, limits_of((), 1, problem), problem)
     return float(np.median(repeat(one, timer=thread_time, repeat=10, number=1)))
 

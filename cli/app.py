@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperGroup
 
 from cli.output import echo, escape_unencodable
-from pipeline.errors import InputError, ProlearnError, told_which_extra
+from pipeline.errors import InputError, ProlearnError, missing_extra_hint
 from pipeline.files import refuse_special, unfinished
 from pipeline.text import public, visible
 
@@ -51,7 +51,7 @@ class CommandGroup(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command: bad input exits with 2, a failed run with 1, neither with a traceback."""
         try:
-            with _sigterm_raises(), told_which_extra():
+            with _sigterm_raises(), missing_extra_hint():
                 return super().invoke(ctx)
         except USAGE as error:
             error.message = visible(error.message)

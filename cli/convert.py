@@ -9,7 +9,7 @@ from cli.app import FAILED, refuse_overwriting, within_memory
 from cli.options import numbers
 from cli.output import echo
 from cli.settings import PlanFile, option
-from pipeline.errors import InputError, told_where
+from pipeline.errors import InputError, error_context
 from pipeline.files import STDIO, stem_of
 
 Format = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
@@ -62,7 +62,7 @@ def convert(
     if target.is_dir() != folder and target.exists():
         there, wanted = ("file", "folder") if folder else ("folder", "file")
         raise InputError(f"{target} is a {there}; expected a {wanted} for {to}: give --out.")
-    with told_where(plan):
+    with error_context(plan):
         files = write_plan_as(to, made, target, stem_of(plan), mass=masses, specific_impulse=isp)
     if folder:
         echo(f"{target}: {len(files)} files, one for each craft, in EME2000.")
@@ -102,7 +102,7 @@ def show(
     refuse_overwriting(plan, target)
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
-    with within_memory(), told_where(plan):
+    with within_memory(), error_context(plan):
         shown = write_page(target, claimed, plan.name)
     _tell(target, " ".join([f"{claimed.scenario.n} craft by {claimed.planner}.", *shown.faults]))
 

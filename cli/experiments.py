@@ -21,7 +21,7 @@ from cli.settings import (
 )
 
 if TYPE_CHECKING:
-    from registry.results import Done
+    from registry.results import Recorded
 
 
 @with_settings
@@ -101,7 +101,7 @@ def flights(context: typer.Context, settings: Flights, how: RunSettings) -> None
 def _run(
     doing: str,
     done: str,
-    job: Callable[..., "Done"],
+    job: Callable[..., "Recorded"],
     settings: object,
     how: RunSettings,
     context: typer.Context | None = None,

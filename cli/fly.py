@@ -13,7 +13,7 @@ from cli.output import echo, note, print_json, print_table
 from cli.plan_table import SIGNED, closest_cells, orbit_in_words
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
-from pipeline.errors import InputError, told_where
+from pipeline.errors import InputError, error_context
 from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of
 
@@ -98,7 +98,7 @@ def fly(
         flying = workers_of(context, workers)
         _fly_trials(plan, made, about, settings, flying, as_json=as_json)
         return
-    with told_where(plan), within_memory():
+    with error_context(plan), within_memory():
         found = effects(made.scenario, made.controls, about)
     report = {"plan": str(plan), **flight_report(made, about, found, passive_safety)}
     print_json(report) if as_json else print_flight(report)

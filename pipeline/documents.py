@@ -25,7 +25,7 @@ _LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no
 CHECKSUM = "checksum"  # field with the checksum of all others, in documents that have one
 
 
-def parsed(content: bytes) -> Any:
+def parse_json(content: bytes) -> Any:
     """The value of a JSON text; ValueError if invalid, too large or deep, or with huge integers."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES // 2**20} MiB")
@@ -76,7 +76,7 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
 def document_in(content: bytes, kind: type[Document], where: object, what: str) -> Document:
     """Parse and validate a JSON text as a document; InputErrors name where the text is from."""
     try:
-        value = parsed(content)
+        value = parse_json(content)
         _refuse_repeated(content)
         return kind.model_validate(value)
     except ValidationError as error:  # which is a ValueError

@@ -96,7 +96,7 @@ EXTRAS = {
 
 
 @contextmanager
-def told_where(where: object) -> Iterator[None]:
+def error_context(where: object) -> Iterator[None]:
     """Prefix InputErrors raised in the block with the file or field that they are about."""
     try:
         yield
@@ -105,7 +105,7 @@ def told_where(where: object) -> Iterator[None]:
 
 
 @contextmanager
-def told_which_extra() -> Iterator[None]:
+def missing_extra_hint() -> Iterator[None]:
     """In the block a missing package of an extra is an InputError that names the extra."""
     try:
         yield

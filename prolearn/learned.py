@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.errors import InputError, check_choice, check_whole, told_which_extra
+from pipeline.errors import InputError, check_choice, check_whole, missing_extra_hint
 from pipeline.scenario import SPLITS
 from pipeline.scenario.scenario import MOST_CRAFT
 from pipeline.text import public_url
@@ -30,7 +30,7 @@ def read_dataset(
     Raises:
         InputError: where there is no dataset, or it has no such rows.
     """
-    with told_which_extra():
+    with missing_extra_hint():
         from pipeline.dataset.reading import solved_rows
         from pipeline.dataset.schema import SOLVED_FIELDS
 
@@ -53,7 +53,7 @@ def read_dataset(
 
 def models() -> "list[ModelVersion]":
     """Every registered model version, by name and number, with its parameters and metrics."""
-    with told_which_extra():
+    with missing_extra_hint():
         from registry.models import list_versions
 
     return list_versions()
@@ -65,7 +65,7 @@ def load_model(reference: str) -> "tuple[Model, ModelVersion]":
     Raises:
         InputError: where there is no such model, or its files are not sound.
     """
-    with told_which_extra():
+    with missing_extra_hint():
         from registry.models import load
 
     return load(reference)

@@ -157,7 +157,7 @@ def scenario_from_files(
         craft: what each craft has of its own; none where all are alike.
         j2: whether the Earth is oblate.
         ballistic: mean C_D A/m of the swarm, m²/kg, or None for no drag.
-        spread: relative spread of it: the first craft has so much less, the last so much more.
+        spread: relative spread of C_D A/m over the swarm: the first craft less, the last more.
         name: in tables and figures; of a file that is read, the file's name.
 
     Raises:

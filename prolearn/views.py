@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_kind, told_which_extra
+from pipeline.errors import InputError, check_kind, missing_extra_hint
 from pipeline.figures.labels import label_name
 from pipeline.figures.style import in_style, save
 from pipeline.figures.transfer import Example, transfer_figure
@@ -159,7 +159,7 @@ def convert(
 
     check_kind("plan", plan, Plan)
     target = path_of(path)
-    with told_which_extra():
+    with missing_extra_hint():
         return write_plan_as(
             to, plan, target, target.name, mass=mass, specific_impulse=specific_impulse
         )

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-from pipeline.documents import parsed
+from pipeline.documents import parse_json
 from pipeline.networks.recipes import code_of_others, distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
@@ -60,7 +60,7 @@ def changed_since(tags: Mapping[str, str], decided_by: DecidedBy) -> str:
 def versions_of(tags: Mapping[str, str]) -> dict[str, str]:
     """The versions that decided an earlier run; none where its tags do not say."""
     try:
-        found = parsed(tags.get(MADE_WITH, "").encode())
+        found = parse_json(tags.get(MADE_WITH, "").encode())
     except ValueError:
         return {}
     plain = isinstance(found, dict) and all(isinstance(value, str) for value in found.values())

@@ -215,8 +215,8 @@ def _versions(store: Store) -> list[ModelVersion]:
     runs = {run.info.run_id: run for run in trainings}
     versions = []
     for found in pages(client.search_model_versions, filter_string=_OURS):
-        of = aliases.get(found.name, {}).items()
-        found.aliases = [alias for alias, number in of if str(number) == str(found.version)]
+        items = aliases.get(found.name, {}).items()
+        found.aliases = [alias for alias, number in items if str(number) == str(found.version)]
         try:
             # An experiment may have been renamed, and a run deleted.
             run = runs.get(found.run_id) or run_of_version(store, found.run_id)

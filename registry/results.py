@@ -59,7 +59,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Done:
+class Recorded:
     """The MLflow run with an experiment's results, and whether it was there before."""
 
     run_id: str
@@ -275,9 +275,9 @@ def unfinished_parts(
     settings = {**decided_by, "made_with": versions, "machine": platform.node()}
     text = json.dumps(settings, sort_keys=True, default=str).encode()
     name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
-    place = connect().beside / UNFINISHED
+    place = connect().folder / UNFINISHED
     folder = open_folder(place / name)
-    with open_parts(folder, made_by, again=resume, progress=progress) as parts:
+    with open_parts(folder, made_by, resume=resume, progress=progress) as parts:
         yield parts
     shutil.rmtree(place / name, ignore_errors=True)
     with suppress(OSError):  # where other experiments are under way

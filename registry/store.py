@@ -75,7 +75,7 @@ class Store:
     experiments: Mapping[str, str]  # ids by name
 
     @property
-    def beside(self) -> Path:
+    def folder(self) -> Path:
         """The folder of an SQLite file; where the store is a server, the current one."""
         return database_path(self.uri).parent if self.uri.startswith("sqlite:") else Path.cwd()
 
@@ -98,7 +98,7 @@ def connect(*more: str, create: bool = True) -> Store:
     """
     _prepare_process()
     uri = os.environ.get("MLFLOW_TRACKING_URI") or DEFAULT_URI
-    with explained(uri):
+    with store_errors(uri):
         store = _connect(uri, create, (*EXPERIMENTS, *more))
         with suppress(*FAILURES):
             clear_dead(*store.locks, lambda name: _close(store.client, name))
@@ -110,12 +110,12 @@ def connect(*more: str, create: bool = True) -> Store:
 def opened(*more: str, create: bool = True) -> Iterator[Store]:
     """The tracking store, whose failures in the block become a ProlearnError."""
     store = connect(*more, create=create)
-    with explained(store.uri):
+    with store_errors(store.uri):
         yield store
 
 
 @contextmanager
-def explained(uri: str) -> Iterator[None]:
+def store_errors(uri: str) -> Iterator[None]:
     """Turn MLflow's errors into a ProlearnError about ``uri``, InputError for a damaged file."""
     try:
         yield

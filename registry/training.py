@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from mlflow.exceptions import MlflowException
 
-from pipeline.documents import parsed
+from pipeline.documents import parse_json
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.records import EpochLosses, Training
 from pipeline.experiments.trainings import curves_figure
@@ -115,11 +115,11 @@ def record_training(
         save(trained.model, folder)
         kib = (folder / WEIGHTS_FILE).stat().st_size / 1024
         measured = {**(metrics or {}), "weights_kib": kib}
-        of = record_of(trained, recipe=recipe, seed=seed, dataset=dataset, metrics=measured)
+        record = record_of(trained, recipe=recipe, seed=seed, dataset=dataset, metrics=measured)
         made_by = with_architectures(TRAINED_BY, [trained.model.architecture])
         count = sum(weights.numel() for weights in trained.model.network.state_dict().values())
-        params = {**of.params, "parameters": count}
-        record = replace(of, params=params, tags=environment_tags(made_by))
+        params = {**record.params, "parameters": count}
+        record = replace(record, params=params, tags=environment_tags(made_by))
         try:
             return _register(folder, trained.model, record)
         except ProlearnError as error:
@@ -187,7 +187,7 @@ def _keep(folder: Path, record: TrainingRecord) -> Path:
 
 def _read_record(path: Path) -> TrainingRecord:
     try:
-        record = TrainingRecord(**parsed(path.read_bytes()))
+        record = TrainingRecord(**parse_json(path.read_bytes()))
         if not all([*(record.params[name] for name in NEEDED), record.history["number"]]):
             raise ValueError("a part of it is empty")
         entities.curve_metrics(record.history)
@@ -237,8 +237,10 @@ def _new_version(
     except MlflowException as error:
         if error.error_code != "RESOURCE_ALREADY_EXISTS":
             raise
-    of = {"tags": {**tags, "model_id": model_id}, "model_id": model_id}
-    return str(store.client.create_model_version(name, f"models:/{model_id}", run_id, **of).version)
+    info = {"tags": {**tags, "model_id": model_id}, "model_id": model_id}
+    return str(
+        store.client.create_model_version(name, f"models:/{model_id}", run_id, **info).version
+    )
 
 
 def add_model_results(
@@ -325,6 +327,6 @@ def _epochs(store: Store, version: models.ModelVersion, name: str) -> list[Epoch
         {m.step: m.value for m in store.client.get_metric_history(version.run_id, loss)}
         for loss in CURVES
     )
-    of = name, version.recipe, version.training_seed
+    key = name, version.recipe, version.training_seed
     steps = sorted({*train, *valid})
-    return [EpochLosses(*of, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]
+    return [EpochLosses(*key, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]

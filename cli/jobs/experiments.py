@@ -40,7 +40,7 @@ from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
 from pipeline.text import public_url
 from registry.environment import EVALUATED_BY, with_architectures
-from registry.results import Done, earlier_run, record, unfinished_parts
+from registry.results import Recorded, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}  # of swarms by default, by optimizer
@@ -68,7 +68,7 @@ class HeldOut:
         kind: Sequence[str] = (),
         resume: bool,
         progress: Progress,
-    ) -> Done:
+    ) -> Recorded:
         """Run and record an experiment; with ``resume``, continue or return an earlier run.
 
         ``params`` are parameters beside the settings. ``make`` is given a folder for the run's
@@ -86,7 +86,7 @@ class HeldOut:
         }
         by = with_architectures(EVALUATED_BY, (one.model.architecture for one in self.networks))
         if resume and (earlier := earlier_run(experiment, params, kind, progress, by)):
-            return Done(earlier, earlier=True)
+            return Recorded(earlier, earlier=True)
         decided = {"params": params, "networks": weights}
         with (
             unfinished_parts(experiment, decided, by, resume=resume, progress=progress) as kept,
@@ -94,7 +94,9 @@ class HeldOut:
         ):
             table, used = make(scratch, kept), (self.settings.data, self.digest)
             # Last, since a finished run is what ``resume`` looks for.
-            return Done(record(experiment, table, by, params=params, files=scratch, dataset=used))
+            return Recorded(
+                record(experiment, table, by, params=params, files=scratch, dataset=used)
+            )
 
 
 def held_out(
@@ -140,7 +142,7 @@ def evaluate(
     workers: Workers | None = None,
     resume: bool = False,
     progress: Progress = SILENT,
-) -> Done:
+) -> Recorded:
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
     check_whole("timed", settings.timed, 0, MOST)
     check_device(settings.device, workers)
@@ -168,7 +170,9 @@ def evaluate(
     return inputs.run(EVALUATION, params, run, resume=resume, progress=progress)
 
 
-def warmstart(settings: WarmStarts, *, resume: bool = False, progress: Progress = SILENT) -> Done:
+def warmstart(
+    settings: WarmStarts, *, resume: bool = False, progress: Progress = SILENT
+) -> Recorded:
     """Experiment 3: an optimizer is started from every seed; each optimizer has its own runs."""
     optimizer = settings.optimizer
     check_choice("optimizer", optimizer, OPTIMIZERS)
@@ -191,7 +195,7 @@ def transfer_times(
     workers: Workers | None = None,
     resume: bool = False,
     progress: Progress = SILENT,
-) -> Done:
+) -> Recorded:
     """Experiment 4: the same ends with other transfer times."""
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
@@ -226,7 +230,7 @@ def flights(
     workers: Workers | None = None,
     resume: bool = False,
     progress: Progress = SILENT,
-) -> Done:
+) -> Recorded:
     """Experiment 5: plans are flown, those of networks made safe first where they are not.
 
     Swarms of the paper's largest size fly, too, where the dataset has any.

@@ -50,9 +50,9 @@ def fly_trials(
     sigmas = SIGMAS if settings.sigmas is None else settings.sigmas
     check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)
     refuse_distance(scenario, plan.controls)
-    of = TrialSettings(scenario, world, errors, settings.seed)
+    trial_settings = TrialSettings(scenario, world, errors, settings.seed)
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
-    tables = fly_all(out, of, loops, trials, workers=workers, progress=progress)
+    tables = fly_all(out, trial_settings, loops, trials, workers=workers, progress=progress)
     radius = scenario.problem.collision_radius
     summaries = [summarize(loop, tables[loop.name], radius, size) for loop in loops]
     _write_table(summaries, out / TABLE)
@@ -75,6 +75,6 @@ def _write_table(summaries: Sequence[Summary], path: Path) -> None:
     table = pd.DataFrame([one.document() for one in summaries])
     for name in [name for name in map(str, table) if name.endswith("_interval")]:
         ends = [pair or (None, None) for pair in table.pop(name)]
-        of = name.removesuffix("_interval")
-        table[[f"{of}_low", f"{of}_high"]] = pd.DataFrame(ends)
+        stem = name.removesuffix("_interval")
+        table[[f"{stem}_low", f"{stem}_high"]] = pd.DataFrame(ends)
     write_csv(table, path)

@@ -33,8 +33,8 @@ class EvaluatedNetwork:
     @property
     def evaluated(self) -> EvaluatedPlanner:
         """The network flown and as predicted, for workers, which need no MLflow."""
-        of = self.version
-        return EvaluatedPlanner(self.planner, of.recipe, of.training_seed, self.model)
+        version = self.version
+        return EvaluatedPlanner(self.planner, version.recipe, version.training_seed, self.model)
 
     def on(self, problem: Problem) -> "EvaluatedNetwork":
         """The same network for another time grid; InputError where its weights do not fit."""

@@ -2,7 +2,7 @@
 
 import re
 
-from pipeline.errors import InputError, check_choice, check_kind, told_which_extra
+from pipeline.errors import InputError, check_choice, check_kind, missing_extra_hint
 from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.networks.recipes import architecture_names
 from pipeline.plan import AT_ALL_TIMES, Requirements
@@ -41,7 +41,7 @@ def planner_of(
     check_choice("assignment", assignment, ("given", "optimal"))
     if effort is not None:
         check_choice("effort", effort, EFFORTS)
-    with told_which_extra():
+    with missing_extra_hint():
         found = named_planner(name, requirements, effort=effort, raw=raw)
         if found is None:
             _refuse_unknown(name)  # before what the registry lacks, or what is not installed

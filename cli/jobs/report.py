@@ -27,7 +27,7 @@ from registry.training import training_tables
 
 EVALUATED = "Experiments 1 and 2, examples"  # name of the evaluation among a report's parts
 DATA = ("dataset_digest",)
-SAME = (*DATA, "models")  # parameters that other runs in the report must share with the evaluation
+SHARED = (*DATA, "models")  # parameters that other runs must share with the evaluation
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Part:
 
     experiment: str
     command: str  # that makes such a run
-    having: Mapping[str, str] = field(default_factory=dict)  # parameters that it must have
-    same: Sequence[str] = SAME  # parameters that it must share with the evaluation
+    params: Mapping[str, str] = field(default_factory=dict)  # parameters that it must have
+    shared: Sequence[str] = SHARED  # parameters that it must share with the evaluation
 
 
 PARTS = {  # by name
@@ -49,7 +49,7 @@ PARTS = {  # by name
     },
     "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
     # Only networks that can replan on the way take part.
-    "Experiment 5": Part(FLIGHTS, "prolearn flights", same=DATA),
+    "Experiment 5": Part(FLIGHTS, "prolearn flights", shared=DATA),
 }
 
 
@@ -65,7 +65,7 @@ class ReportedRun:
 def report(out: Path, run_id: str | None = None) -> ReportFiles:
     """Write the report of an evaluation, by default the newest; InputError without a sound one.
 
-    Likewise for a URL, and an error, InputError or OSError, where the folder cannot be written to.
+    InputError also for a URL; InputError or OSError where the folder cannot be written to.
     """
     if (out / MANIFEST).exists():
         raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
@@ -74,7 +74,7 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     first = ReportedRun(run, sound_table(run), _models_of(run))
     with arrays_of(run) as paths:
         examples = [_example(run, path) for path in paths]
-    others, notes = _parts_beside(run)
+    others, notes = _other_parts(run)
     parts = {EVALUATED: first, **others}
     if gone := len(set(_model_names(run))) - len(first.models):
         notes.append(f"Training: {gone} of the evaluated models are no longer there.")
@@ -95,29 +95,29 @@ def _example(run: Run, path: Path) -> Example:
         raise unusable_file(run, f"{FILES}/{path.name}", error) from error
 
 
-def _parts_beside(first: Run) -> tuple[dict[str, ReportedRun], list[str]]:
+def _other_parts(first: Run) -> tuple[dict[str, ReportedRun], list[str]]:
     """The parts of an evaluation's report by name, and why others are left out."""
     found, notes = {}, []
     for name, part in PARTS.items():
-        same = {name: first.params.get(name, "") for name in part.same}
-        run = latest(part.experiment, {**same, **part.having}, partial(_alike, first))
+        same = {name: first.params.get(name, "") for name in part.shared}
+        run = latest(part.experiment, {**same, **part.params}, partial(_same_weights, first))
         if run:
             try:
                 # Other parts have the evaluation's models.
-                models = _models_of(run) if part.same == DATA else ()
+                models = _models_of(run) if part.shared == DATA else ()
                 found[name] = ReportedRun(run, sound_table(run), models)
             except ProlearnError as error:
                 notes.append(f"{name} is left out: {error}")
-        elif other := latest(part.experiment, part.having):
+        elif other := latest(part.experiment, part.params):
             others, options = "other data", "--data"
-            if part.same == SAME or not _alike(first, other):
+            if part.shared == SHARED or not _same_weights(first, other):
                 others, options = "other models or other data", "--data and --models"
             text = (
                 "{}: the newest run ({}, {}) is of {} than this evaluation, and is left out; `{}` "
                 "with {} of this evaluation makes one."
             )
-            of = (name, other.run_id, _day(other), others, part.command, options)
-            notes.append(formatted(text, *of))
+            values = (name, other.run_id, _day(other), others, part.command, options)
+            notes.append(formatted(text, *values))
     return found, notes
 
 
@@ -131,7 +131,7 @@ def _weights(run: Run) -> dict[str, str]:
     return dict(zip(_model_names(run), digests, strict=False))
 
 
-def _alike(first: Run, other: Run) -> bool:
+def _same_weights(first: Run, other: Run) -> bool:
     """Whether no model URI has different weights in both runs, as after a deletion."""
     known = _weights(first)
     return all(known.get(uri, digest) == digest for uri, digest in _weights(other).items())
@@ -147,11 +147,11 @@ def _models_of(run: Run) -> list[ModelVersion]:
 def _without_faulty(
     parts: Mapping[str, ReportedRun], examples: Sequence[Example]
 ) -> tuple[dict[str, ReportedRun], list[str]]:
-    """Parts and models that make a report, and notes on others."""
+    """Parts and models of which a report can be made, and notes on the others."""
 
-    def fault(beside: Mapping[str, ReportedRun], models: Sequence[ModelVersion] = ()) -> str:
-        """The error that a report of some sources ends with; empty where it can be made."""
-        tried = {EVALUATED: replace(first, models=models), **beside}
+    def fault(others: Mapping[str, ReportedRun], models: Sequence[ModelVersion] = ()) -> str:
+        """The error of a report of some parts and models; empty where it can be made."""
+        tried = {EVALUATED: replace(first, models=models), **others}
         with scratch_folder() as folder:
             try:
                 build_report(_results(tried, examples, ()), folder)

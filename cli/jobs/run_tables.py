@@ -88,13 +88,13 @@ def add_to_model(
     network: EvaluatedNetwork, trials: pd.DataFrame, scenario: Scenario, dataset: tuple[str, str]
 ) -> None:
     """Add metrics, figures and the dataset (folder, digest) of an evaluation to a network's run."""
-    one = network.evaluated
-    same = (trials.planner == network.name) & (trials.recipe == one.recipe)
-    mine = summarize(trials[same & (trials.training_seed == one.training_seed)])
-    beside = summarize(trials[trials.planner == Expert().name])
-    summary, example = pd.concat([beside, mine]), [EvaluatedPlanner(Expert()), one]
+    evaluated = network.evaluated
+    same = (trials.planner == network.name) & (trials.recipe == evaluated.recipe)
+    own = summarize(trials[same & (trials.training_seed == evaluated.training_seed)])
+    expert = summarize(trials[trials.planner == Expert().name])
+    summary, example = pd.concat([expert, own]), [EvaluatedPlanner(Expert()), evaluated]
     paper, style = sizes_of_paper(summary), planner_styles(summary["planner"])
-    metrics = _metrics(mine, network.model.n_train)
+    metrics = _metrics(own, network.model.n_train)
     with scratch_folder() as scratch:
         for name in ("collisions", "fuel", "safe"):
             figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)

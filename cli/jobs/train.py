@@ -95,40 +95,40 @@ def train_model(
 
     ProlearnError where the loss diverges or the tracking store fails.
     """
-    asked = training.TrainingTask.of(arch, seed, settings)
-    data = asked.examples(progress)
+    task = training.TrainingTask.of(arch, seed, settings)
+    data = task.examples(progress)
     connect()  # so that a store that cannot be reached is known before the training
-    finished = training.train_and_fly(asked, data, progress)
-    version = _record(asked, finished)
+    finished = training.train_and_fly(task, data, progress)
+    version = _record(task, finished)
     return version, challenge(version, finished.trials, settings.data)
 
 
 def train_models(
-    asked: Sequence[training.TrainingTask], workers: Workers, progress: Progress = SILENT
+    tasks: Sequence[training.TrainingTask], workers: Workers, progress: Progress = SILENT
 ) -> list[tuple[ModelVersion, Contest]]:
-    """Train several networks at once, each on one thread of a worker; in the order asked.
+    """Train several networks at once, each on one thread of a worker; in the order of the tasks.
 
     Each network is registered as soon as it is done, and compared with its champion at the end.
     """
-    progress.expect(len(asked))
+    progress.expect(len(tasks))
     connect()
-    made_by = with_architectures(TRAINED_BY, (task.arch for task in asked))
-    one = partial(training.train_in_worker, made_by, made_with(*made_by))
+    made_by = with_architectures(TRAINED_BY, (task.arch for task in tasks))
+    train = partial(training.train_in_worker, made_by, made_with(*made_by))
     done: dict[tuple[str, int], tuple[ModelVersion, pd.DataFrame]] = {}
-    with closing(workers.work(one, asked, lambda _: None, progress)) as results:
+    with closing(workers.work(train, tasks, lambda _: None, progress)) as results:
         for task, finished in results:
             done[task.arch, task.seed] = _record(task, finished), finished.trials
             progress.done(note=f"{task.arch}, seed {task.seed}")
-    found = [(*done[task.arch, task.seed], task.settings.data) for task in asked]
+    found = [(*done[task.arch, task.seed], task.settings.data) for task in tasks]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 
 
-def _record(asked: training.TrainingTask, finished: training.FinishedTraining) -> ModelVersion:
+def _record(task: training.TrainingTask, finished: training.FinishedTraining) -> ModelVersion:
     return record_training(
         finished.trained,
-        recipe=asked.recipe,
-        seed=asked.seed,
-        dataset=DatasetInfo(asked.settings.data, asked.digest, *finished.instances),
+        recipe=task.recipe,
+        seed=task.seed,
+        dataset=DatasetInfo(task.settings.data, task.digest, *finished.instances),
         metrics={POSITION_RMSE: finished.error} | flown_metrics(finished.trials),
     )
 

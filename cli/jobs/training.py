@@ -77,32 +77,32 @@ class FinishedTraining:
 
 
 def train_in_worker(
-    made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask, _: None
+    made_by: DecidedBy, expected: Mapping[str, str], task: TrainingTask, _: None
 ) -> FinishedTraining:
     """Train in a worker; ProlearnError where its versions or data are not those of the request."""
-    _check(made_by, expected, asked)
-    return train_and_fly(asked, asked.examples())
+    _check(made_by, expected, task)
+    return train_and_fly(task, task.examples())
 
 
 def train_trial(
-    made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask, data: Sources | None
+    made_by: DecidedBy, expected: Mapping[str, str], task: TrainingTask, data: Sources | None
 ) -> FinishedTraining | None:
     """Train a trial of a search in a worker, without flying it; None where the loss diverges."""
-    _check(made_by, expected, asked)
-    given = data or asked.examples()
+    _check(made_by, expected, task)
+    given = data or task.examples()
     try:
-        return _trained(asked, given)
+        return _trained(task, given)
     except InputError:
         raise
     except ProlearnError:
         return None
 
 
-def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask) -> None:
+def _check(made_by: DecidedBy, expected: Mapping[str, str], task: TrainingTask) -> None:
     """Raise ProlearnError in a worker whose versions or data are not those of the request."""
     check_worker(expected, made_by)
-    data = asked.settings.data
-    if read_manifest(data).digest(asked.settings.n) != asked.digest:
+    data = task.settings.data
+    if read_manifest(data).digest(task.settings.n) != task.digest:
         raise ProlearnError(
             f"{public_url(data)} holds other data on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
@@ -110,20 +110,20 @@ def _check(made_by: DecidedBy, expected: Mapping[str, str], asked: TrainingTask)
 
 
 def train_and_fly(
-    asked: TrainingTask, data: Sources, progress: Progress = SILENT
+    task: TrainingTask, data: Sources, progress: Progress = SILENT
 ) -> FinishedTraining:
     """Train a network and fly it on validation scenarios."""
-    finished = _trained(asked, data, progress)
-    how, model = asked.settings, finished.trained.model
+    finished = _trained(task, data, progress)
+    how, model = task.settings, finished.trained.model
     return replace(finished, trials=validation_trials(model, how.data, how.n))
 
 
-def _trained(asked: TrainingTask, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
+def _trained(task: TrainingTask, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
     learn, valid = data
     trained = train(
-        *(asked.arch, asked.recipe, learn, valid),
-        seed=asked.seed,
-        device=asked.settings.device,
+        *(task.arch, task.recipe, learn, valid),
+        seed=task.seed,
+        device=task.settings.device,
         progress=progress,
     )
     error = position_rmse(trained.model, valid)

@@ -24,7 +24,7 @@ from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import complete, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags, with_architectures
-from registry.store import TUNING, Store, explained, opened, recorded_run
+from registry.store import TUNING, Store, opened, recorded_run, store_errors
 from registry.training import DatasetInfo, record_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class RecipeSearch:
     """A search: its settings, the training that trials vary, and where it is kept."""
 
     settings: TuningSettings
-    asked: TrainingTask
+    task: TrainingTask
     store: Store
     path: Path  # Optuna's SQLite file
 
@@ -63,11 +63,11 @@ class RecipeSearch:
     @property
     def name(self) -> str:
         """Name of the study, the same for the same data, code, kind of device and seed."""
-        how, r = self.settings, self.asked.recipe
+        how, recipe = self.settings, self.task.recipe
         code = json.dumps(dict(made_with(*self.made_by)), sort_keys=True)
         versions = hashlib.sha256(code.encode()).hexdigest()[:8]
-        run = f"{r.epochs}ep-{torch_device(how.device)}-seed{how.seed}"
-        return f"{how.arch}-{r.name}-n{how.n}-{run}-{self.asked.digest[:12]}-{versions}"
+        run = f"{recipe.epochs}ep-{torch_device(how.device)}-seed{how.seed}"
+        return f"{how.arch}-{recipe.name}-n{how.n}-{run}-{self.task.digest[:12]}-{versions}"
 
 
 @dataclass(frozen=True)
@@ -105,21 +105,21 @@ def tune(
             f"jobs is {workers.jobs} and trials are drawn one by one, each from all before it; "
             "expected several that are drawn together, such as --at-once 5, or one job."
         )
-    asked = TrainingTask.of(settings.arch, settings.seed, settings)
+    task = TrainingTask.of(settings.arch, settings.seed, settings)
     alone = workers.scheduler is None and workers.jobs == 1
     # Workers draw crowded scenarios themselves, which takes minutes; the rest is a check.
-    drawn = asked if alone else replace(asked, recipe=replace(asked.recipe, crowded=0))
+    drawn = task if alone else replace(task, recipe=replace(task.recipe, crowded=0))
     examples = drawn.examples()
     with opened(TUNING) as store:
-        path = (settings.storage or store.beside / STORAGE).absolute()
-        search = RecipeSearch(settings, asked, store, path)
+        path = (settings.storage or store.folder / STORAGE).absolute()
+        search = RecipeSearch(settings, task, store, path)
         objective, tags = search.objective, environment_tags(search.made_by)
         with open_study(path, search.name) as study:
             known = _parent_of(study, store)
             with recorded_run(store, TUNING, search.name, tags, again=known) as run_id:
                 if known is None:
                     study.set_user_attr(PARENT, run_id)
-                    params = params_of({"arch": settings.arch, "recipe": asked.recipe.name})
+                    params = params_of({"arch": settings.arch, "recipe": task.recipe.name})
                     store.client.log_batch(run_id, params=params)
                 _search(study, search, workers, examples if alone else None, run_id, progress)
             if not (trials := complete(study)):
@@ -149,7 +149,7 @@ def _search(
     progress: Progress,
 ) -> None:
     """Make the trials that are left; this process has the data, or each worker reads them."""
-    how, recipe = search.settings, search.asked.recipe
+    how, recipe = search.settings, search.task.recipe
     unused = unused_fields(find(how.arch))
     metric = "best_" + search.objective.removeprefix("best_")
     unit = " m" if search.objective == POSITION_RMSE else ""
@@ -162,12 +162,12 @@ def _search(
         left -= count
         with drawn_trials(study, search.path, count, seed=how.seed, unused=unused) as drawn:
             tasks = [
-                replace(search.asked, recipe=replace(recipe, **fields), number=number)
+                replace(search.task, recipe=replace(recipe, **fields), number=number)
                 for number, fields in drawn.items()
             ]
             with closing(workers.work(one, tasks, lambda _: data, progress)) as results:
-                for asked, found in results:
-                    _record(asked, found, study, search)
+                for task, found in results:
+                    _record(task, found, study, search)
                     if done := complete(study):
                         best = metrics_of({metric: study.best_value}, step=done)
                         search.store.client.log_batch(run_id, metrics=best)
@@ -179,26 +179,26 @@ def _search(
 
 
 def _record(
-    asked: TrainingTask, found: FinishedTraining | None, study: "Study", search: RecipeSearch
+    task: TrainingTask, found: FinishedTraining | None, study: "Study", search: RecipeSearch
 ) -> None:
     """Record a trial as a nested MLflow run and in its study; one that diverged has failed."""
-    store, tags, how = search.store, environment_tags(search.made_by), asked.settings
-    with explained(store.uri):
-        with recorded_run(store, TUNING, f"trial-{asked.number}", tags) as run_id:
+    store, tags, how = search.store, environment_tags(search.made_by), task.settings
+    with store_errors(store.uri):
+        with recorded_run(store, TUNING, f"trial-{task.number}", tags) as run_id:
             if found:
                 record = record_of(
                     found.trained,
-                    recipe=asked.recipe,
-                    seed=asked.seed,
-                    dataset=DatasetInfo(how.data, asked.digest, *found.instances),
+                    recipe=task.recipe,
+                    seed=task.seed,
+                    dataset=DatasetInfo(how.data, task.digest, *found.instances),
                     metrics={POSITION_RMSE: found.error},
                 )
                 store.client.log_batch(
                     run_id,
                     metrics=[*curve_metrics(record.history), *metrics_of(record.metrics)],
-                    params=params_of({**record.params, "trial": asked.number}),
+                    params=params_of({**record.params, "trial": task.number}),
                 )
         if not found:
             store.client.set_terminated(run_id, "FAILED")
     if found:  # unless one that took the trial for dead has told of it
-        study.tell(asked.number, record.metrics[search.objective], skip_if_finished=True)
+        study.tell(task.number, record.metrics[search.objective], skip_if_finished=True)

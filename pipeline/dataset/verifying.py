@@ -23,7 +23,7 @@ from pipeline.dataset.manifest import (
     requirements_of,
 )
 from pipeline.dataset.physics import row_faults
-from pipeline.documents import CHECKSUM, parsed
+from pipeline.documents import CHECKSUM, parse_json
 from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
@@ -98,7 +98,7 @@ def verify(
     manifest, fault = manifest_or_copy(folder)
     if fault:
         yield Fault(MANIFEST, fault)
-    checked = bool(fault) or CHECKSUM in parsed(folder.read(MANIFEST))
+    checked = bool(fault) or CHECKSUM in parse_json(folder.read(MANIFEST))
     if checked:  # earlier versions wrote neither copies nor digests of timings
         yield from _faults_beside(folder, solved=bool(manifest.solve))
     checks, present = list(_checks(folder, manifest, checked=checked)), set(folder.names())

@@ -18,14 +18,14 @@ from pipeline.figures.style import PAGE_WIDTH, Style, fit_scale
 from pipeline.figures.tables import Column, Table
 
 Aggregation = str | Callable[["pd.Series[Any]"], object]
-"""How numbers become one, in pandas' terms."""
+"""How a column becomes one number, as an aggregation of pandas."""
 
 
 @dataclass(frozen=True)
 class Average(Column):
     """A column of a summary: over the trials of each training first, then over the trainings."""
 
-    of: str = ""  # column of the trials
+    column: str = ""  # of the trials, which is averaged
     over_trials: Aggregation = "mean"  # over the trials of one training
     over_seeds: Aggregation = "mean"  # over the trainings that differ in their seed alone
 
@@ -34,7 +34,7 @@ def average(
     title: str,
     source: str,
     text: Callable[[float], str] | None,
-    of: str = "",
+    column: str = "",
     over_trials: Aggregation = "mean",
     over_seeds: Aggregation = "mean",
     *,
@@ -45,9 +45,8 @@ def average(
     stem = source.removesuffix("_mean").removesuffix("_share")
     between = f"{stem}_spread" if spread else ""
     ends = (f"{stem}_low", f"{stem}_high") if wilson else None
-    return Average(
-        title, source, text, between, ends, of=of, over_trials=over_trials, over_seeds=over_seeds
-    )
+    how: Any = {"column": column, "over_trials": over_trials, "over_seeds": over_seeds}
+    return Average(title, source, text, between, ends, **how)
 
 
 TRIALS = average("Trials", "trials", count, "trial", "nunique", "max")
@@ -66,7 +65,7 @@ def aggregate(
     """
     averages = (TRIALS, *averages)
     each = rows.groupby([*group, "training_seed"], as_index=False, sort=False).agg(
-        **{one.source: (one.of, one.over_trials) for one in averages}
+        **{one.source: (one.column, one.over_trials) for one in averages}
     )
     summary = aggregate_trainings(each, group, averages, order)
     for one in averages:
@@ -114,7 +113,9 @@ PLANNER_COLUMNS = [
 """The same on the page, for rows from ``with_names``."""
 
 COLLISIONS = average("Collisions, av.", "collisions_mean", number, "node_collisions", spread=True)
-MOST_COLLISIONS = average("Collisions, max.", "collisions_max", count, COLLISIONS.of, "max", "max")
+MOST_COLLISIONS = average(
+    "Collisions, max.", "collisions_max", count, COLLISIONS.column, "max", "max"
+)
 CONFLICTS = average("Pairs too close, av.", "conflicts_mean", number, "pair_conflicts")
 SAFE = average("Safe at all times", "safe_share", share, "safe", spread=True, wilson=True)
 SEPARATION = average(
@@ -191,9 +192,9 @@ def tables_against(
     headings that these map to. Predictions have no share of safe trials.
     """
     tables = {}
-    for name, one in SHOWN.items():
-        rows = summary[summary["reading"] != PREDICTED] if one is SAFE else summary
-        frame, columns = pivot_average(rows, PLANNER_KEY, variable, one, printed)
+    for name, avg in SHOWN.items():
+        rows = summary[summary["reading"] != PREDICTED] if avg is SAFE else summary
+        frame, columns = pivot_average(rows, PLANNER_KEY, variable, avg, printed)
         tables[name] = Table(
             f"{experiment}-{name}", with_names(frame), [*PLANNER_COLUMNS, *columns]
         )
@@ -208,7 +209,7 @@ def printed_values(values: Iterable[Any], usual: Iterable[Any]) -> list[Any]:
 
 
 def pivot_average(
-    rows: pd.DataFrame, index: list[str], variable: str, one: Average, printed: Mapping[str, str]
+    rows: pd.DataFrame, index: list[str], variable: str, avg: Average, printed: Mapping[str, str]
 ) -> tuple[pd.DataFrame, list[Average]]:
     """An average with a column for each value of a variable, in the order of the rows.
 
@@ -216,20 +217,20 @@ def pivot_average(
     ``VALUE high`` and ``VALUE ±``. Returns the frame and the columns ``printed`` on the page.
     """
     frame, headings = rows[index].drop_duplicates(), list(dict.fromkeys(rows[variable]))
-    suffixes = {one.source: "", **dict(zip(one.interval or (), (" low", " high"), strict=False))}
-    spread = bool(one.spread) and rows[one.spread].notna().any()
+    suffixes = {avg.source: "", **dict(zip(avg.interval or (), (" low", " high"), strict=False))}
+    spread = bool(avg.spread) and rows[avg.spread].notna().any()
     if spread:
-        suffixes[one.spread] = " ±"
+        suffixes[avg.spread] = " ±"
     for source, suffix in suffixes.items():
         values = rows.pivot(index=index, columns=variable, values=source)[headings]
         frame = frame.merge(values.add_suffix(suffix).reset_index(), on=index, how="left")
     columns = [
         replace(
-            one,
+            avg,
             title=title,
             source=value,
             spread=f"{value} ±" if spread else "",
-            interval=(f"{value} low", f"{value} high") if one.interval else None,
+            interval=(f"{value} low", f"{value} high") if avg.interval else None,
         )
         for value, title in printed.items()
     ]
@@ -262,14 +263,14 @@ def lines_figure(
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(grid), len(grid[0]), sharex=True, squeeze=False, **shared)
     panels = [panel for line in grid for panel in line]
-    for ax, (rows, one, title) in zip(axes.flat, panels, strict=True):
-        _draw_lines(ax, rows, against[0], one, styles)
+    for ax, (rows, avg, title) in zip(axes.flat, panels, strict=True):
+        _draw_lines(ax, rows, against[0], avg, styles)
         ax.set_title(title)
-        if one.text is share:
+        if avg.text is share:
             ax.set_ylim(-0.03, 1.03)
             ax.yaxis.set_major_formatter(PercentFormatter(1.0))
         else:
-            alike = [panel.rows[one.source] for panel in panels if panel.average is one]
+            alike = [panel.rows[avg.source] for panel in panels if panel.average is avg]
             fit_scale(ax, "y", [*pd.concat(alike), *quoted])
     for line, shown in zip(axes, grid, strict=True):
         for k, (ax, panel) in enumerate(zip(line, shown, strict=True)):
@@ -284,15 +285,15 @@ def lines_figure(
 
 
 def _draw_lines(
-    ax: Axes, rows: pd.DataFrame, against: str, one: Average, styles: Mapping[str, Style]
+    ax: Axes, rows: pd.DataFrame, against: str, avg: Average, styles: Mapping[str, Style]
 ) -> None:
     for k, planner in enumerate(in_order(rows["planner"])):
         line = rows[rows["planner"] == planner].drop_duplicates(against).sort_values(against)
-        x, y, style = line[against], line[one.source], styles[planner]
+        x, y, style = line[against], line[avg.source], styles[planner]
         step = max(1, len(line) // 8)  # some eight markers a line, staggered between lines
         ax.plot(x, y, markevery=(k % step, step), **style.drawn)
-        if one.spread and line[one.spread].notna().any():
-            band = line[one.spread]
+        if avg.spread and line[avg.spread].notna().any():
+            band = line[avg.spread]
             ax.fill_between(x, y - band, y + band, color=style.colour, alpha=0.2, linewidth=0)
 
 

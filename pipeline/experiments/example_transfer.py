@@ -22,10 +22,10 @@ MOST_BYTES = 250 * 10**6  # largest unpacked file that is read; a usual one has 
 def example_transfer(scenario: Scenario, planners: Sequence[EvaluatedPlanner]) -> Example:
     """One transfer by every planner; of trainings with the same label, by the first."""
     tracks = {}
-    for one in planners:
-        if one.label not in tracks:
-            plan = one.planner.plan([scenario])[0]
-            tracks[one.label] = track(plan.states, plan.controls, scenario.problem, TRACK_STEPS)
+    for evaluated in planners:
+        if evaluated.label not in tracks:
+            plan, problem = evaluated.planner.plan([scenario])[0], scenario.problem
+            tracks[evaluated.label] = track(plan.states, plan.controls, problem, TRACK_STEPS)
     radius = scenario.problem.collision_radius
     return Example(scenario.name, scenario.initial, scenario.goal, tracks, radius)
 

@@ -84,9 +84,9 @@ def objectives_figure(summary: pd.DataFrame, n: int, styles: Mapping[str, Style]
     collisions, fuel = paper.COLLISIONS.get(n, {}), paper.FUEL.get(n, {})
     bound = float(rows[BOUND.source].mean())
     right.axvline(bound, **DOTTED)
-    for ax, one, quoted, least in ((left, COLLISIONS, collisions, 0.0), (right, FUEL, fuel, bound)):
-        _dots(ax, rows, styles, one, quoted)
-        fit_scale(ax, "x", [*rows[one.source], *quoted.values(), least])
+    for ax, avg, quoted, least in ((left, COLLISIONS, collisions, 0.0), (right, FUEL, fuel, bound)):
+        _dots(ax, rows, styles, avg, quoted)
+        fit_scale(ax, "x", [*rows[avg.source], *quoted.values(), least])
         ax.tick_params(axis="y", length=0)
     left.set_xlabel("node collisions per trial, average")
     right.set_xlabel("fuel per trial, average (m/s²)")
@@ -103,7 +103,7 @@ def _dots(
     ax: Axes,
     rows: pd.DataFrame,
     styles: Mapping[str, Style],
-    one: Average,
+    avg: Average,
     quoted: Mapping[str, float],
 ) -> None:
     planners = labels.in_order(rows["planner"])
@@ -113,9 +113,9 @@ def _dots(
         shift = OFFSET * (2 * recipes.index(recipe) - len(recipes) + 1) if recipe in recipes else 0
         hollow, colour = row["reading"] == PREDICTED, styles[planner].colour
         ax.errorbar(
-            float(row[one.source]),
+            float(row[avg.source]),
             planners.index(planner) + shift,
-            xerr=None if pd.isna(row[one.spread]) else float(row[one.spread]),
+            xerr=None if pd.isna(row[avg.spread]) else float(row[avg.spread]),
             ecolor=colour,
             elinewidth=0.9,
             linestyle="none",
@@ -143,14 +143,14 @@ REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False,
 
 def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
     """Whether each group of networks that were flown at swarm size n plans safely and cheaply."""
-    asked = f"plan safely and cheaply (n = {n})?"
-    return network_findings(asked, trials, training, n, papers="Do the paper's networks")
+    predicate = f"plan safely and cheaply (n = {n})?"
+    return network_findings(predicate, trials, training, n, papers="Do the paper's networks")
 
 
 def paper_findings(summary: pd.DataFrame) -> list[Finding]:
     """Findings on the paper's networks against its Table 2, one for each training recipe."""
     here = summary[summary["n"] == paper.NETWORK_SIZE]
-    beside = "".join(
+    baseline = "".join(
         f"Decoupled optimum: {number(row[COLLISIONS.source])} collisions, "
         f"fuel {number(row[FUEL.source])}"
         for row in here[here["planner"] == DECOUPLED].to_dict("records")
@@ -178,5 +178,5 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
             fewer, cheaper = good.sum()
             numbers = f"flown, {spans}; {fewer} and {cheaper} of {len(rows)} networks do"
         verdict = decide(REPRODUCED, bool(good.all(axis=None)), bool(good.any(axis=None)))
-        found.append(Finding(question, verdict, numbers, beside))
+        found.append(Finding(question, verdict, numbers, baseline))
     return found

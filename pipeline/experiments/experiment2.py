@@ -41,9 +41,9 @@ def section(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
     if len(sizes) > 1:
         values |= {"paper": paper, "tables": sizes_tables(summary)}
         values["pictures"] = {
-            name: Picture(f"experiment2-{name}", sizes_figure(summary, what, styles))
-            for name, what in QUANTITIES.items()
-            if summary[what.average.source].notna().any()
+            name: Picture(f"experiment2-{name}", sizes_figure(summary, quantity, styles))
+            for name, quantity in QUANTITIES.items()
+            if summary[quantity.average.source].notna().any()
         }
     return Section("pipeline/experiments/experiment2.md.jinja", values)
 
@@ -77,28 +77,28 @@ HOLLOW: dict[str, Any] = {"linestyle": "none", "markerfacecolor": "white"}  # th
 
 
 @in_style
-def sizes_figure(summary: pd.DataFrame, what: Quantity, styles: Mapping[str, Style]) -> Figure:
+def sizes_figure(summary: pd.DataFrame, quantity: Quantity, styles: Mapping[str, Style]) -> Figure:
     """One quantity against n: a row of panels for each reading, a column for each recipe.
 
     Experts, baselines and planners without a recipe whose output is a plan are in every panel.
     """
-    rows = summary.dropna(subset=[what.average.source])
+    rows = summary.dropna(subset=[quantity.average.source])
     # A network whose output is a plan is drawn among those that are flown, by its recipe.
     plan = (rows["reading"] == PLAN) & (rows["recipe"] != "") & rows["planner"].map(is_network)
     rows = rows.assign(reading=rows["reading"].mask(plan, FLOWN))
     raw_network = rows["planner"].map(is_network) & (rows["reading"] != PLAN)
     networks, others = rows[raw_network], rows[~raw_network & (rows["reading"] != PREDICTED)]
     present = set(networks["reading"])
-    readings = [r for r in what.readings if r in present] or sorted(present) or [FLOWN]
+    readings = [r for r in quantity.readings if r in present] or sorted(present) or [FLOWN]
     recipes = sorted(set(networks["recipe"])) or [""]
 
     def panel(reading: str, recipe: str) -> Panel:
         mine = networks[(networks["reading"] == reading) & (networks["recipe"] == recipe)]
-        said = [f"{recipe} recipe"] if recipe else []
-        if len(what.readings) > 1 or not recipe:
-            said.append("as predicted" if reading == PREDICTED else "flown")
-        title = "" if mine.empty else ", ".join(said)
-        return Panel(pd.concat([others, mine]), what.average, title)
+        words = [f"{recipe} recipe"] if recipe else []
+        if len(quantity.readings) > 1 or not recipe:
+            words.append("as predicted" if reading == PREDICTED else "flown")
+        title = "" if mine.empty else ", ".join(words)
+        return Panel(pd.concat([others, mine]), quantity.average, title)
 
     grid = [[panel(reading, recipe) for recipe in recipes] for reading in readings]
     width = PAGE_WIDTH if len(recipes) > 1 else 0.75 * PAGE_WIDTH
@@ -109,13 +109,13 @@ def sizes_figure(summary: pd.DataFrame, what: Quantity, styles: Mapping[str, Sty
         ("n", "spacecraft n"),
         styles,
         (width, 1.1 + 2.3 * len(readings)),
-        quoted=[value for points in what.paper.values() for value in points.values()],
-        handles=[papers] if what.paper else [],
+        quoted=[value for points in quantity.paper.values() for value in points.values()],
+        handles=[papers] if quantity.paper else [],
         sharey=True,
     )
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
     for ax, drawn in zip(axes.flat, chain.from_iterable(grid), strict=True):
-        for n, quoted in what.paper.items():
+        for n, quoted in quantity.paper.items():
             shown = [p for p in in_order(quoted) if p in set(drawn.rows["planner"])]
             for k, planner in enumerate(shown):
                 style = {
@@ -133,29 +133,29 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
     if largest == n:
         return []
-    asked = f"trained at n = {paper.NETWORK_SIZE} serve others (n = {largest})?"
-    return verdicts.network_findings(asked, trials, training, largest)
+    predicate = f"trained at n = {paper.NETWORK_SIZE} work at other sizes (n = {largest})?"
+    return verdicts.network_findings(predicate, trials, training, largest)
 
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether feed-forward networks collide less than LSTMs, if both were trained by one recipe."""
-    asked = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
-    families = FEED_FORWARD, RECURRENT
-    return _compare_families(summary, asked, "node collisions", QUANTITIES["collisions"], families)
+    question = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
+    families, drawn = (FEED_FORWARD, RECURRENT), QUANTITIES["collisions"]
+    return _compare_families(summary, question, "node collisions", drawn, families)
 
 
 def fuel_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether LSTMs burn less than feed-forward networks, in the largest swarm and at n = 10."""
-    asked = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
+    question = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
     families, sizes = (RECURRENT, FEED_FORWARD), (paper.NETWORK_SIZE,)
-    return _compare_families(summary, asked, "fuel in m/s²", QUANTITIES["fuel"], families, sizes)
+    return _compare_families(summary, question, "fuel in m/s²", QUANTITIES["fuel"], families, sizes)
 
 
 def _compare_families(
     summary: pd.DataFrame,
-    asked: str,
+    question: str,
     name: str,
-    what: Quantity,
+    quantity: Quantity,
     families: tuple[Iterable[str], Iterable[str]],
     sizes: Sequence[int] = (),
 ) -> list[Finding]:
@@ -166,7 +166,7 @@ def _compare_families(
     summary = averages.sizes_of_paper(summary)
     networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
     decoupled = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[
-        what.average.source
+        quantity.average.source
     ]
     for recipe, reading in product(("paper", "tuned", ""), (PREDICTED, FLOWN)):
         rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
@@ -174,16 +174,16 @@ def _compare_families(
         how += "as predicted" if reading == PREDICTED else "flown"
         found = []
         for n in sorted({*sizes, *rows["n"].nlargest(1)}):
-            said = verdicts.compare_families(rows[rows["n"] == n], *families, what.average)
-            if said is None:
+            compared = verdicts.compare_families(rows[rows["n"] == n], *families, quantity.average)
+            if compared is None:
                 continue
-            verdict, numbers = said
-            quoted = [value for p, value in what.paper.get(n, {}).items() if is_network(p)]
+            verdict, numbers = compared
+            quoted = [value for p, value in quantity.paper.get(n, {}).items() if is_network(p)]
             if quoted:
                 numbers += f" (paper: {min(quoted)} at best against {max(quoted)} at worst)"
             numbers = f"{name} at n = {n}, {how}: {numbers}"
-            beside = f"Decoupled optimum: {number(decoupled[n])}" if n in decoupled else ""
-            found.append(Finding(asked.format(n=n), verdict, numbers, beside))
+            baseline = f"Decoupled optimum: {number(decoupled[n])}" if n in decoupled else ""
+            found.append(Finding(question.format(n=n), verdict, numbers, baseline))
         if found:
             return found
     return []
@@ -210,9 +210,9 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
         each = rows.assign(log=np.log(rows["seconds"].astype(float)))
         return each.pivot_table("log", "n", "trial").reindex(ends)
 
-    def growth(of: pd.DataFrame) -> float:
+    def growth(rows: pd.DataFrame) -> float:
         """Ratio of the geometric mean times at both n, from their logarithms."""
-        return float(np.exp(np.diff(of.mean(axis=1)).item()))
+        return float(np.exp(np.diff(rows.mean(axis=1)).item()))
 
     ours = [logs(rows) for _, rows in networks.groupby(["planner", "recipe"])]
     theirs = {str(name): logs(rows) for name, rows in experts.groupby("planner")}
@@ -220,7 +220,7 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
     for mine, other in product(ours, theirs.values()):
         small, large = (mean_interval(row[~np.isnan(row)]) for row in (mine - other).to_numpy())
         differences.append((large[0] - small[1], large[1] - small[0]))
-    of_experts = [f"{name_of(name)} {number(growth(of))}" for name, of in theirs.items()]
+    of_experts = [f"{name_of(name)} {number(growth(rows))}" for name, rows in theirs.items()]
     return [
         Finding(
             "Does the networks' time to plan grow less with n than the expert's, as in the paper?",

@@ -193,14 +193,14 @@ def _boxes(ax: Axes, rows: pd.DataFrame, seeds: list[str], styles: Mapping[str, 
 LINE = "straight line"  # a seed
 
 PAPERS: Rules = (
-    ((True, ANY, True), "Yes for the paper's kind of optimizer from a blank start"),
+    ((True, ANY, True), "Yes for the paper's kind of optimizer, compared with no seed"),
     ((True, True, ANY), "No for the paper's kind of optimizer"),
     ((ANY, ANY, ANY), "Open for the paper's kind of optimizer"),
 )
 """By whether there are several trainings, and all seeds slow the plain SCP down or speed it up."""
 
 OURS: Rules = (
-    ((True, ANY), "none saves any"),
+    ((True, ANY), "none saves time"),
     ((ANY, True), "some save time"),
     ((ANY, ANY), "no saving is proven"),
 )
@@ -210,7 +210,7 @@ OURS: Rules = (
 def findings(warmstarts: pd.DataFrame) -> list[Finding]:
     """Whether the plans of each group of networks speed up the optimizers that they seed."""
     ratios = {optimizer: _ratios(warmstarts, optimizer) for optimizer in NAMES}
-    beside = "; ".join(_beside(name, found) for name, found in ratios.items() if len(found))
+    baseline = "; ".join(_seed_ratios(name, found) for name, found in ratios.items() if len(found))
     rows = []
     for group in verdicts.groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
         mine = {name: found[_is_of(group, found.index)] for name, found in ratios.items()}
@@ -218,23 +218,23 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
             continue
         seeds = warmstarts[_is_of(group, warmstarts["seed"])]
         several = len(seeds[["seed", "training_seed"]].drop_duplicates()) > 1
-        said = []
+        verdict_parts = []
         if len(plain := mine[PLAIN]):
             costly, saving = bool((plain[LOW] > 1).all()), bool((plain[HIGH] < 1).all())
-            said.append(decide(PAPERS, several, costly, saving))
+            verdict_parts.append(decide(PAPERS, several, costly, saving))
         if len(ours := mine[EXPERT]):
             costly, saving = bool((ours[LOW] > 1).all()), bool((ours[HIGH] < 1).any())
-            said.append(f"with ours, {decide(OURS, costly, saving)}")
-        asked = "plans speed up the optimizer that they seed?"
-        question = group.question(asked, "Do the paper's networks'", "Do {}'s")
+            verdict_parts.append(f"with ours, {decide(OURS, costly, saving)}")
+        predicate = "plans speed up the optimizer that they seed?"
+        question = group.question(predicate, "Do the paper's networks'", "Do {}'s")
         numbers = "; ".join(
             f"{NAMES[name]}: {span(found['time_ratio'])} of the time without a seed, "
             f"{(found[HIGH] < 1).sum()} of {len(found)} networks faster beyond chance"
             for name, found in mine.items()
             if len(found)
         )
-        text = "; ".join(said)
-        rows.append(Finding(question, text[0].upper() + text[1:], numbers, beside))
+        text = "; ".join(verdict_parts)
+        rows.append(Finding(question, text[0].upper() + text[1:], numbers, baseline))
     return rows
 
 
@@ -274,7 +274,7 @@ def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
 
 
 def _on_pairs(
-    asked: str,
+    question: str,
     pairs: Sequence[tuple[str, str]],
     values: pd.DataFrame,
     shown: "pd.Series[float]",
@@ -295,7 +295,7 @@ def _on_pairs(
         f"{NAMES[PLAIN]}, {name}: {ours} s against {others} s, "
         f"{sum(high < 0 for _, high in lower)} of {len(pairs)} pairs lower beyond chance"
     )
-    return [Finding(asked, verdict_on_lower(several, lower), numbers)]
+    return [Finding(question, verdict_on_lower(several, lower), numbers)]
 
 
 def _is_of(group: verdicts.Group, seeds: "pd.Index[str] | pd.Series[str]") -> Any:
@@ -316,7 +316,7 @@ def _converged(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
     return rows if rows.empty else rows[rows["n"] == averages.reference_size(rows)]
 
 
-def _beside(optimizer: str, ratios: pd.DataFrame) -> str:
+def _seed_ratios(optimizer: str, ratios: pd.DataFrame) -> str:
     """Time ratios of the seeds that are no network's, as text."""
     listed = [
         f"{label_name(str(seed))} {ratio(value)}"

@@ -103,8 +103,8 @@ def times_figure(summary: pd.DataFrame, recipe: str, styles: Mapping[str, Style]
     nodes, time_step = trained_on(summary)
     titles = {NODES: f"other T, Δt = {time_step:g} s", TIME_STEP: f"other Δt, T = {nodes}"}
     grid = [
-        [Panel(rows_varying(shown, varied), one, "" if k else titles[varied]) for varied in VARIED]
-        for k, one in enumerate(SHOWN.values())
+        [Panel(rows_varying(shown, varied), avg, "" if k else titles[varied]) for varied in VARIED]
+        for k, avg in enumerate(SHOWN.values())
     ]
     against = "minutes", "transfer time (min)"
     figure, axes = averages.lines_figure(grid, against, styles, (PAGE_WIDTH, 8.2), sharey="row")
@@ -126,10 +126,10 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         rows = rows_varying(trials, varied).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
-        asked = f"trained for {(nodes - 1) * time_step / 60:g} min serve other {called}?"
+        predicate = f"trained for {(nodes - 1) * time_step / 60:g} min work with other {called}?"
         everywhere = rows["minutes"].nunique()
         decoupled = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
-        beside = f"Decoupled optimum: {_worst(decoupled)}" if decoupled else ""
+        baseline = f"Decoupled optimum: {_worst(decoupled)}" if decoupled else ""
         for group in verdicts.groups(rows["planner"]):
             networks = group.of(rows)
             times_of = networks.groupby(["planner", "recipe"])["minutes"].transform("nunique")
@@ -141,8 +141,8 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
             several, fit = (len(verdicts.networks_in(some)) > 1 for some in (networks, fits))
             how = ", best on validation of those that fit" if fit else ", the only one that fits"
             numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
-            question = group.question(asked)
-            found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside))
+            question = group.question(predicate)
+            found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, baseline))
     return found
 
 

@@ -162,7 +162,7 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     order["planned"] = records.PLANNED
     summary = averages.aggregate(rows, group, AVERAGES, order)
     for one in SHARES:
-        found = rows.groupby([*group, "trial"])[one.of].agg(["mean", "size"]).groupby(group)
+        found = rows.groupby([*group, "trial"])[one.column].agg(["mean", "size"]).groupby(group)
         intervals = {
             key: clustered_interval(part["mean"].to_numpy(), int(part["size"].max()))
             for key, part in found
@@ -289,8 +289,8 @@ def _markers(
 HOLDS: Rules = (
     ((True, ANY, ANY, ANY), "Yes, in open loop"),
     ((ANY, ANY, True, ANY), "Yes, replanned at every node"),
-    ((ANY, True, ANY, True), "Only with feedback, for a risk, or replanned with a margin"),
-    ((ANY, True, ANY, ANY), "Only with feedback, for a risk"),
+    ((ANY, True, ANY, True), "Only with feedback and a risk limit, or replanned with a margin"),
+    ((ANY, True, ANY, ANY), "Only with feedback and a risk limit"),
     ((ANY, ANY, ANY, True), "Only replanned at every node with a margin"),
     ((False, False, False, False), "No, not even with feedback or a margin"),
     ((False, ANY, ANY, ANY), "Not in open loop; otherwise too few scenarios"),
@@ -321,17 +321,17 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans of n = {n} hold outside the linear model, with errors?"
         decoupled = with_errors[(with_errors["planner"] == DECOUPLED) & (with_errors["n"] == n)]
-        beside = f"Decoupled optimum: {_shares(decoupled)}" if len(decoupled) else ""
+        baseline = f"Decoupled optimum: {_shares(decoupled)}" if len(decoupled) else ""
         shares = f"{_shares(rows)}; without errors {_shares(without_errors[same])}"
         numbers = f"{planner_label(str(planner), str(recipe))}, within r_col: {shares}"
-        found.append(Finding(question, decide(HOLDS, *holds), numbers, beside))
+        found.append(Finding(question, decide(HOLDS, *holds), numbers, baseline))
     return [*found, *_as_flown_findings(flights)]
 
 
 HOLD_AS_FLOWN: Rules = (
     ((True, True), "Yes, without errors"),
-    ((True, False), "Apart, but not at their goals"),
-    ((False, True), "At their goals, but not apart"),
+    ((True, False), "Safe, but not at their goals"),
+    ((False, True), "At their goals, but not safe"),
     ((False, False), "No"),
 )
 """By whether no pair of any plan comes within r_col, and whether all goals are met."""
@@ -358,16 +358,17 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
 def _claim(flights: pd.DataFrame) -> str:
     """Close approaches and errors at goals of plans as flown and of linear plans, as text."""
     rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
-    said = {
+    by_model = {
         planned: (int(some["within_radius"].sum()), len(some), some["goal_error"].max())
         for planned, some in rows.groupby("planned")
     }
-    (unsafe, of, miss), (unsafe_linear, of_linear, miss_linear) = said[AS_FLOWN], said[LINEAR]
-    close = f"{unsafe:,} of {of:,} plans have" if unsafe else f"none of {of:,} plans has"
+    unsafe, plans, miss = by_model[AS_FLOWN]
+    unsafe_linear, plans_linear, miss_linear = by_model[LINEAR]
+    close = f"{unsafe:,} of {plans:,} plans have" if unsafe else f"none of {plans:,} plans has"
     goals = f"goals are missed by at most {number(miss)} m"
     return (
         f"planned as flown, {close} a pair within r_col, and {goals}; planned in the linear "
-        f"model, {share(unsafe_linear / of_linear)} have one, and goals are missed by up to "
+        f"model, {share(unsafe_linear / plans_linear)} have one, and goals are missed by up to "
         f"{number(miss_linear)} m"
     )
 

@@ -103,8 +103,8 @@ def _flown(
     nonlinear = worlds_of(scenario, seed, trial)
     worlds: dict[str, World] = {records.LINEAR: LinearWorld(problem.dynamics), **nonlinear}
     tables = []
-    for one in planners:
-        cases = _cases(one.planner, scenario, in_loops, nonlinear)
+    for evaluated in planners:
+        cases = _cases(evaluated.planner, scenario, in_loops, nonlinear)
         for plan, planned, world, errors, loop in cases:
             count = 1 if errors == records.NO_ERRORS else flights
             draws = range(first, first + count)
@@ -121,9 +121,9 @@ def _flown(
                 within_radius=flown["min_separation"] <= problem.collision_radius,
                 within_size=flown["min_separation"] <= SIZE,
                 unsafe_replans=unsafe,
-                planner=one.planner.name,
-                recipe=one.recipe,
-                training_seed=one.training_seed,
+                planner=evaluated.planner.name,
+                recipe=evaluated.recipe,
+                training_seed=evaluated.training_seed,
                 delta_v_bound=plan.certificate.fuel_lower_bound * problem.time_step,
             )
             tables.append(rows)
@@ -150,15 +150,15 @@ def _cases(
         if errors != exact or loop.name != records.MARGIN:
             yield plan, records.LINEAR, world, errors, loop
     for world in in_loops:
-        kept, planned = plan, records.LINEAR
+        tracked, planned = plan, records.LINEAR
         if not baseline:
-            kept, planned = _with_risk(planner, scenario, worlds.get(world))
-        loop = Loop(FEEDBACK, kept.controls, kept.states)
-        yield kept, planned, world, records.WITH_ERRORS, loop
-    for orbit, there in {} if baseline else worlds.items():
+            tracked, planned = _with_risk(planner, scenario, worlds.get(world))
+        loop = Loop(FEEDBACK, tracked.controls, tracked.states)
+        yield tracked, planned, world, records.WITH_ERRORS, loop
+    for orbit, world_of_orbit in {} if baseline else worlds.items():
         if orbit not in in_loops:
             yield plan, records.LINEAR, orbit, exact, Loop(OPEN, plan.controls)
-        (flown,) = AsFlown(planner, there.orbit).plan([scenario])
+        (flown,) = AsFlown(planner, world_of_orbit.orbit).plan([scenario])
         yield flown, records.AS_FLOWN, orbit, exact, Loop(OPEN, flown.controls)
 
 

@@ -19,14 +19,14 @@ from pipeline.storage.tables import table_bytes, table_from
 SCHEMA = "prolearn.parts/1"
 OWNED = r"table=\w+/part-\d{5,}\.parquet"  # pattern of the names of shards
 
-Of = TypeVar("Of")
+Argument = TypeVar("Argument")
 
 
 @dataclass(frozen=True, eq=False)
-class Part(Generic[Of]):
-    """A task for a worker, who makes a table of it."""
+class Part(Generic[Argument]):
+    """A part of an experiment: a worker makes a table from its argument."""
 
-    of: Of
+    argument: Argument
     n: int  # spacecraft of its swarms
     note: str = ""  # for progress, when it is done
 
@@ -55,16 +55,16 @@ class FinishedParts:
 
 @contextmanager
 def open_parts(
-    folder: Folder, decided_by: DecidedBy, *, again: bool, progress: Progress
+    folder: Folder, decided_by: DecidedBy, *, resume: bool, progress: Progress
 ) -> Iterator[FinishedParts]:
     """Open a folder of finished parts of an experiment, locked for the block.
 
-    Parts of an earlier run are used ``again``, or else removed. InputError where another process
+    With ``resume`` parts of an earlier run are used, else removed. InputError where another process
     holds the folder.
     """
 
     def begin() -> ShardList:
-        if again:
+        if resume:
             return ShardList.of(folder, SCHEMA)
         for name in folder.names():
             if name.endswith(".parquet"):
@@ -77,8 +77,8 @@ def open_parts(
 
 def finish_parts(
     name: str,
-    make: Callable[[Of], pd.DataFrame],
-    parts: Sequence[Part[Of]],
+    make: Callable[[Argument], pd.DataFrame],
+    parts: Sequence[Part[Argument]],
     *,
     workers: Workers | None,
     kept: FinishedParts | None,
@@ -97,10 +97,10 @@ def finish_parts(
     if tables:
         progress.done(len(tables), "kept")
     decided_by = kept.decided_by if kept else ((), ())
-    one = partial(_made, make, decided_by, made_with(*decided_by))
+    make_part = partial(_make_part, make, decided_by, made_with(*decided_by))
     tasks = [(k, parts[k]) for k in left]
-    with closing((workers or Workers()).work(one, tasks, lambda _: b"", progress)) as made:
-        for (number, part), table in made:
+    with closing((workers or Workers()).work(make_part, tasks, lambda _: b"", progress)) as results:
+        for (number, part), table in results:
             if kept:
                 kept.write(paths[number], table)
             tables[number] = table
@@ -108,12 +108,12 @@ def finish_parts(
     return [tables[number] for number in range(len(parts))]
 
 
-def _made(
-    make: Callable[[Of], pd.DataFrame],
+def _make_part(
+    make: Callable[[Argument], pd.DataFrame],
     decided_by: DecidedBy,
     expected: Mapping[str, str],
-    task: tuple[int, Part[Of]],
+    task: tuple[int, Part[Argument]],
     _: bytes,
 ) -> pd.DataFrame:
     check_worker(expected, decided_by)
-    return make(task[1].of)
+    return make(task[1].argument)

@@ -115,7 +115,7 @@ def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     """Whether each group of networks is safe and cheap on the trials from ``larger_swarms``."""
     decoupled = shown[shown["planner"] == DECOUPLED]
     largest = decoupled[decoupled["n"] == decoupled["n"].max()]
-    beside = (
+    baseline = (
         ""
         if decoupled.empty
         else f"Decoupled optimum at n = {largest['n'].iloc[0]}: {performance(largest).text}"
@@ -128,9 +128,9 @@ def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         at = {
             f"n = {n}": performance(part) for n, part in verdicts.rows_of(rows, name).groupby("n")
         }
-        asked = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
-        question = group.question(asked)
+        predicate = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
+        question = group.question(predicate)
         each = "; ".join(f"at {size} {one.text}" for size, one in at.items())
         numbers = f"{next(iter(at.values())).name}: {each}"
-        found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, beside))
+        found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, baseline))
     return found

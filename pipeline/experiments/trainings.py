@@ -134,15 +134,15 @@ def findings(training: pd.DataFrame) -> list[Finding]:
         if len(rows[["device", "threads"]].drop_duplicates()) != 1:
             continue
         frame = training_table(rows).frame.rename(columns={"arch": "planner"})
-        said = verdicts.compare_families(frame, labels.FEED_FORWARD, labels.RECURRENT, SECONDS)
-        if said is None:
+        compared = verdicts.compare_families(frame, labels.FEED_FORWARD, labels.RECURRENT, SECONDS)
+        if compared is None:
             continue
-        verdict, numbers = said
+        verdict, numbers = compared
         quoted = " against ".join(
             span(paper.TRAININGS.loc[list(family), "paper_seconds"])
             for family in (labels.FEED_FORWARD, labels.RECURRENT)
         )
         how = f", {recipe} recipe" if recipe else ""
-        asked = "Do feed-forward networks train quicker than LSTMs, as in the paper?"
-        return [Finding(asked, verdict, f"seconds{how}: {numbers} (paper: {quoted})")]
+        question = "Do feed-forward networks train quicker than LSTMs, as in the paper?"
+        return [Finding(question, verdict, f"seconds{how}: {numbers} (paper: {quoted})")]
     return []

@@ -73,9 +73,9 @@ def run_trials(
     """
     seconds = _times(comparisons, timed, kept)
     parts = [
-        Part((one, each.scenarios), each.scenarios[0].n, each.note)
+        Part((evaluated, each.scenarios), each.scenarios[0].n, each.note)
         for each in comparisons
-        for one in each.planners
+        for evaluated in each.planners
     ]
     tables = finish_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
     for table, taken in zip(tables, seconds, strict=True):
@@ -85,12 +85,12 @@ def run_trials(
     return [pd.concat(islice(left, len(each.planners)), ignore_index=True) for each in comparisons]
 
 
-def _planned(of: tuple[EvaluatedPlanner, Sequence[Scenario]]) -> pd.DataFrame:
+def _planned(part: tuple[EvaluatedPlanner, Sequence[Scenario]]) -> pd.DataFrame:
     """The rows of a planner, those of its raw predictions first; times are left NaN."""
-    one, scenarios = of
-    plans = one.planner.plan(scenarios)
-    flown = [_trial(one, k, plan) for k, plan in enumerate(plans)]
-    raw = [] if one.predictor is None else _predicted(one.predictor, scenarios, flown)
+    evaluated, scenarios = part
+    plans = evaluated.planner.plan(scenarios)
+    flown = [_trial(evaluated, k, plan) for k, plan in enumerate(plans)]
+    raw = [] if evaluated.predictor is None else _predicted(evaluated.predictor, scenarios, flown)
     return pd.DataFrame([*raw, *flown])
 
 
@@ -106,24 +106,25 @@ def _times(
     return [table[name].to_list() for table in tables for name in table]
 
 
-def _timed(timed: int, of: Comparison) -> pd.DataFrame:
+def _timed(timed: int, comparison: Comparison) -> pd.DataFrame:
     """Seconds to plan the first scenarios: a row each, a column for each planner."""
-    for one in of.planners:
-        one.planner.plan(of.scenarios[:timed])  # warm up: some code runs for near pairs alone
+    planners, scenarios = [one.planner for one in comparison.planners], comparison.scenarios[:timed]
+    for planner in planners:
+        planner.plan(scenarios)  # warm up: some code runs for near pairs alone
     rows = [
-        {str(k): one.planner.plan([each])[0].timing["plan"] for k, one in enumerate(of.planners)}
-        for each in of.scenarios[:timed]
+        {str(k): planner.plan([each])[0].timing["plan"] for k, planner in enumerate(planners)}
+        for each in scenarios
     ]
     return pd.DataFrame(rows)
 
 
-def _trial(one: EvaluatedPlanner, trial: int, plan: Plan) -> Trial:
+def _trial(evaluated: EvaluatedPlanner, trial: int, plan: Plan) -> Trial:
     certificate, scenario = plan.certificate, plan.scenario
     return Trial(
-        planner=one.planner.name,
-        recipe=one.recipe,
-        training_seed=one.training_seed,
-        reading=PLAN if one.predictor is None else FLOWN,
+        planner=evaluated.planner.name,
+        recipe=evaluated.recipe,
+        training_seed=evaluated.training_seed,
+        reading=PLAN if evaluated.predictor is None else FLOWN,
         n=scenario.n,
         trial=trial,
         node_collisions=certificate.node_collisions,
@@ -209,9 +210,9 @@ def run_transfer_times(
         )
         for _, problem in varied
     ]
-    made = run_trials(comparisons, workers=workers, kept=kept, progress=progress)
-    tables = []
-    for (what, problem), table in zip(varied, made, strict=True):
-        taken = {"varied": what} | {name: getattr(problem, name) for name in records.VARIED}
-        tables.append(table.assign(**taken)[list(records.TABLES["transfer_times"])])
-    return pd.concat(tables, ignore_index=True)
+    tables = run_trials(comparisons, workers=workers, kept=kept, progress=progress)
+    found = []
+    for (parameter, problem), table in zip(varied, tables, strict=True):
+        taken = {"varied": parameter} | {name: getattr(problem, name) for name in records.VARIED}
+        found.append(table.assign(**taken)[list(records.TABLES["transfer_times"])])
+    return pd.concat(found, ignore_index=True)

@@ -41,7 +41,7 @@ def decide(rules: Rules, *claims: bool | str | None) -> str:
     return next(
         verdict
         for pattern, verdict in rules
-        if all(asked is ANY or asked is claim for asked, claim in zip(pattern, claims, strict=True))
+        if all(part is ANY or part is claim for part, claim in zip(pattern, claims, strict=True))
     )
 
 
@@ -119,14 +119,14 @@ def verdict_on(*planners: Performance) -> str:
 
 def where_safe_and_cheap(at: Mapping[str, Performance]) -> str:
     """Where a planner is safe and cheap, of some swarm sizes or transfer times by their label."""
-    said = {label: verdict_on(one) for label, one in at.items()}
-    yes = [label for label, verdict in said.items() if verdict == YES]
-    still_open = [label for label, verdict in said.items() if verdict.startswith("Open")]
-    form = decide(WHERE, len(yes) == len(said), bool(yes), bool(still_open))
-    return form.format(yes=_in_words(yes, list(at)), open=_in_words(still_open, list(at)))
+    verdict_at = {label: verdict_on(one) for label, one in at.items()}
+    yes = [label for label, verdict in verdict_at.items() if verdict == YES]
+    still_open = [label for label, verdict in verdict_at.items() if verdict.startswith("Open")]
+    form = decide(WHERE, len(yes) == len(verdict_at), bool(yes), bool(still_open))
+    return form.format(yes=_label_ranges(yes, list(at)), open=_label_ranges(still_open, list(at)))
 
 
-def _in_words(some: Sequence[str], tried: Sequence[str]) -> str:
+def _label_ranges(some: Sequence[str], tried: Sequence[str]) -> str:
     """Some of the labels that were tried, as text; runs of three or more by their two ends."""
     place = {label: k for k, label in enumerate(tried)}
     runs = groupby(enumerate(some), key=lambda at: place[at[1]] - at[0])
@@ -191,10 +191,10 @@ LOWER: Rules = (
     ((True, ANY, True), "Contradicted"),
     ((True, ANY, MIXED), "Contradicted by some"),
     ((True, ANY, ANY), "Open: within the spread"),
-    ((False, True, ANY), "Open: one training of some, points to yes"),
-    ((False, ANY, True), "Open: one training of some, points to no"),
-    ((False, ANY, MIXED), "Open: one training of some, some points to no"),
-    ((False, ANY, ANY), "Open: one training of some, no trend"),
+    ((False, True, ANY), "Open: only one training of some; points to yes"),
+    ((False, ANY, True), "Open: only one training of some; points to no"),
+    ((False, ANY, MIXED), "Open: only one training of some; some point to no"),
+    ((False, ANY, ANY), "Open: only one training of some; no trend"),
 )
 """By whether there are several trainings of each, all are lower than others, and all are higher."""
 
@@ -211,7 +211,7 @@ def verdict_on_lower(several: bool, differences: Iterable[Interval]) -> str:
 
 
 def compare_families(
-    rows: pd.DataFrame, lower: Iterable[str], others: Iterable[str], one: Average
+    rows: pd.DataFrame, lower: Iterable[str], others: Iterable[str], avg: Average
 ) -> tuple[str, str] | None:
     """Verdict on an average being lower for some networks than for others, and the numbers of both.
 
@@ -221,17 +221,17 @@ def compare_families(
     sides = [rows[rows["planner"].isin(family)] for family in (lower, others)]
     if any(side.empty for side in sides):
         return None
-    pairs = product(*(side[[one.source, one.spread]].to_numpy(dtype=float) for side in sides))
+    pairs = product(*(side[[avg.source, avg.spread]].to_numpy(dtype=float) for side in sides))
     differences = []
     for (mean, spread), (other, its_spread) in pairs:
         noise = np.nanmax([0.0, spread, its_spread])
         differences.append((mean - other - noise, mean - other + noise))
     several = min(int(side["seeds"].min()) for side in sides) > 1
-    return verdict_on_lower(several, differences), " against ".join(_listed(s, one) for s in sides)
+    return verdict_on_lower(several, differences), " against ".join(_listed(s, avg) for s in sides)
 
 
-def _listed(rows: pd.DataFrame, one: Average) -> str:
-    columns = rows[["planner", one.source, one.spread]]
+def _listed(rows: pd.DataFrame, avg: Average) -> str:
+    columns = rows[["planner", avg.source, avg.spread]]
     return ", ".join(
         f"{labels.name_of(planner)} "
         + (
@@ -244,7 +244,7 @@ def _listed(rows: pd.DataFrame, one: Average) -> str:
 
 
 Name = tuple[str, str]  # of a network: planner and recipe
-PAPERS = "Does a network of the paper's"  # begins most questions on them
+PAPERS = "Does one of the paper's networks"  # begins most questions on them
 
 
 @dataclass(frozen=True)
@@ -258,10 +258,10 @@ class Group:
         """Whether they are the paper's."""
         return labels.is_of_paper(self.planners[0])
 
-    def question(self, asked: str, papers: str = PAPERS, other: str = "Does {}") -> str:
-        """A question that begins with the paper's networks, or with another's name put in."""
+    def question(self, predicate: str, papers: str = PAPERS, other: str = "Does {}") -> str:
+        """A question: its subject, the paper's networks or another by name, and its predicate."""
         begun = papers if self.papers else other.format(labels.name_in_sentence(self.planners[0]))
-        return f"{begun} {asked}"
+        return f"{begun} {predicate}"
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
         """The rows of a table that are about this group's planners."""
@@ -319,7 +319,7 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def network_findings(
-    asked: str, trials: pd.DataFrame, training: pd.DataFrame, n: int, papers: str = PAPERS
+    predicate: str, trials: pd.DataFrame, training: pd.DataFrame, n: int, papers: str = PAPERS
 ) -> list[Finding]:
     """A finding for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)
@@ -328,25 +328,25 @@ def network_findings(
     for group in groups(flown.loc[flown["n"] == n, "planner"]):
         networks = group.of(flown)
         here = networks[networks["n"] == n]
-        every = [performance(rows) for _, rows in here.groupby(["planner", "recipe"])]
+        performances = [performance(rows) for _, rows in here.groupby(["planner", "recipe"])]
         name, alone = representative(networks, training), len(networks_in(networks)) == 1
         mine = here.head(0) if name is None else rows_of(here, name)
-        said = verdict_on(*every)
-        safe = [one.safe for one in every]
+        verdict = verdict_on(*performances)
+        safe = [one.safe for one in performances]
         low, high = labels.share(min(safe)), labels.share(max(safe))
         spread = low if low == high else f"{low} to {high}"
-        numbers = [] if alone else [f"all {len(every)}: safe in {spread}"]
-        beside = "" if decoupled.empty else f"Decoupled optimum: {performance(decoupled).text}"
+        numbers = [] if alone else [f"all {len(performances)}: safe in {spread}"]
+        baseline = "" if decoupled.empty else f"Decoupled optimum: {performance(decoupled).text}"
         if not mine.empty:
             chosen = performance(mine)
             how = "" if alone else ", best on validation"
             numbers.insert(0, f"{chosen.name}{how}: {chosen.text}")
-            by_itself = chosen.trainings == 1 and said[:2] != verdict_on(chosen)[:2]
-            said = verdict_on(chosen) + (", for one training" if by_itself else "")
-            if beside:
-                held = compare(mine, decoupled)
-                more, low, high = (f"{100 * x:+.1f}" for x in (held.safe, *held.safe_interval))
-                beside += f"; the network on the same trials: {more} % safe [{low}, {high}]"
-        question = group.question(asked, papers)
-        found.append(Finding(question, said, "; ".join(numbers), beside))
+            by_itself = chosen.trainings == 1 and verdict[:2] != verdict_on(chosen)[:2]
+            verdict = verdict_on(chosen) + (", for one training" if by_itself else "")
+            if baseline:
+                diff = compare(mine, decoupled)
+                more, low, high = (f"{100 * x:+.1f}" for x in (diff.safe, *diff.safe_interval))
+                baseline += f"; the network on the same trials: {more} % safe [{low}, {high}]"
+        question = group.question(predicate, papers)
+        found.append(Finding(question, verdict, "; ".join(numbers), baseline))
     return found

@@ -56,12 +56,12 @@ def run_warmstarts(
                 if make is not None:
                     for scenario in some[1:]:
                         make(scenario)  # some code of networks runs for near pairs alone
-    here, one = Workers(jobs=1), partial(_started, optimizer, seeds)
-    tables = finish_parts("starts", one, parts, workers=here, kept=kept, progress=progress)
+    here, run = Workers(jobs=1), partial(_run_seeds, optimizer, seeds)
+    tables = finish_parts("starts", run, parts, workers=here, kept=kept, progress=progress)
     return pd.concat(tables, ignore_index=True)
 
 
-def _started(
+def _run_seeds(
     optimizer: str,
     seeds: Mapping[Source, SeedMaker],
     part: tuple[Scenario, int, Mapping[str, Optimize]],

@@ -11,7 +11,7 @@ from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
     LEFT_OUT,
     DecoupledOptima,
-    arrivals_at_least_fuel,
+    cheapest_constraints,
     control_units,
     decoupled_optima,
     goal_miss,
@@ -22,8 +22,8 @@ from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, participants, shared_problem
-from pipeline.scenario.arrivals import Arrivals
 from pipeline.scenario.spacecraft import limits_of
+from pipeline.scenario.state_constraints import StateConstraints
 from pipeline.scenario.waypoint import closest_pair
 
 NAMES = {"initial": "start", "goal": "goal"}  # of ends, in words
@@ -36,7 +36,7 @@ class Batch:
         self,
         scenarios: Sequence[Scenario],
         limits: Limits | None = None,
-        arrivals: Arrivals | None = None,
+        constraints: StateConstraints | None = None,
     ) -> None:
         self.scenarios, self.problem = scenarios, shared_problem(scenarios)
         self.swarms = participants(scenarios)
@@ -52,25 +52,25 @@ class Batch:
         # Limits of each craft; None where max_acceleration is the only one.
         self.limits = _limits(scenarios) if limits is None else limits
         # Required states of each craft, and a fuel bound for every choice of open waypoint times.
-        self.arrivals, self.open_bound = arrivals, np.full(len(self.initial), np.inf)
-        if self.limits is not None and arrivals is None:
-            self.arrivals, self.open_bound = self._arrivals(self.limits)
+        self.constraints, self.open_bound = constraints, np.full(len(self.initial), np.inf)
+        if self.limits is not None and constraints is None:
+            self.constraints, self.open_bound = self._constraints(self.limits)
 
     @cached_property
     def optima(self) -> DecoupledOptima:
         """The decoupled optima of all craft."""
         ends = self.initial, self.goal, self.problem
-        optima = decoupled_optima(*ends, self.limits, self.arrivals)
+        optima = decoupled_optima(*ends, self.limits, self.constraints)
         return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
 
-    def _arrivals(self, limits: Limits) -> tuple[Arrivals, Float[Array, "n"]]:
+    def _constraints(self, limits: Limits) -> tuple[StateConstraints, Float[Array, "n"]]:
         """Goals and waypoints at the cheapest nodes, and a fuel bound over all choices."""
         waypoints = [
             replace(one, craft=one.craft + start)
             for scenario, start in zip(self.scenarios, self.swarms.starts.tolist(), strict=True)
             for one in scenario.waypoints
         ]
-        return arrivals_at_least_fuel(self.initial, self.goal, self.problem, limits, waypoints)
+        return cheapest_constraints(self.initial, self.goal, self.problem, limits, waypoints)
 
     @cached_property
     def weight(self) -> Float[Array, "n"] | None:
@@ -114,8 +114,8 @@ class Batch:
         """A batch of some of the scenarios, with the decoupled optima already computed."""
         craft = np.isin(self.swarms.label, which)
         limits = None if self.limits is None else self.limits[craft]
-        arrivals = None if self.arrivals is None else self.arrivals[craft]
-        part = Batch([self.scenarios[k] for k in which], limits, arrivals)
+        constraints = None if self.constraints is None else self.constraints[craft]
+        part = Batch([self.scenarios[k] for k in which], limits, constraints)
         part.optima = self.optima[craft]
         return part
 
@@ -149,19 +149,23 @@ class Batch:
                 k = int(craft.argmax())
                 way = " by its waypoints" if scenario.waypoints else ""
                 reason = f"craft {k} cannot reach its goal{way} {given}, which is proven"
-                reason += self._adrift(int(start) + k)
+                reason += self._drift_miss(int(start) + k)
             reasons.append(reason)
         return reasons
 
-    def _adrift(self, k: int) -> str:
-        """By how much one of all craft misses by drift, if no limits but its intervals hold it."""
-        if self.limits is None or self.arrivals is None or self.limits.burns[k].any(axis=1).all():
+    def _drift_miss(self, k: int) -> str:
+        """A clause on how far craft k drifts from its goal, if only its ``no_burn`` keeps it from it."""
+        if (
+            self.limits is None
+            or self.constraints is None
+            or self.limits.burns[k].any(axis=1).all()
+        ):
             return ""
-        one, any_ = slice(k, k + 1), np.full(1, np.inf)
-        free = replace(self.limits[one], component=any_, norm=any_, delta_v=any_)
+        one, unlimited = slice(k, k + 1), np.full(1, np.inf)
+        free = replace(self.limits[one], component=unlimited, norm=unlimited, delta_v=unlimited)
         ends = self.initial[one], self.goal[one], self.problem
-        held = decoupled_optima(*ends, free, self.arrivals[one]).impossible[0]
-        return f"; {self.arrivals.missed_by_drift(k)[1]}" if held else ""
+        held = decoupled_optima(*ends, free, self.constraints[one]).impossible[0]
+        return f"; {self.constraints.missed_by_drift(k)[1]}" if held else ""
 
 
 def _outside(scenario: Scenario) -> str:

@@ -119,12 +119,12 @@ class ConicProgram:
         scale = sub.goal_scale * sub.unit
         reach = (sub.reach * scale[:, None]).reshape(r, m // 3, 3)[:, interval] @ self.effect
         row, column, value = self._by_slot(reach, r * craft + np.arange(r)[:, None])
-        wanted = sub.goals()
+        right_side = sub.goals()
         if sub.constrained is None or sub.constrained.all():
-            return (row, column, value), wanted
+            return (row, column, value), right_side
         constrained = sub.constrained.ravel()
         number, there = np.cumsum(constrained) - 1, constrained[row]
-        return (number[row[there]], column[there], value[there]), wanted[constrained]
+        return (number[row[there]], column[there], value[there]), right_side[constrained]
 
     def half_spaces(self) -> Block:
         """Half-space rows, which are at most b, with slacks."""
@@ -200,11 +200,11 @@ class ConicProgram:
         heights = [len(b) for _, b in blocks]
         cones = [clarabel.ZeroConeT(heights[0]), clarabel.NonnegativeConeT(sum(heights[1:4]))]
         cones += [clarabel.SecondOrderConeT(4)] * (heights[4] // 4)
-        A, wanted = stacked(blocks, self.variables, self.kept)
+        A, right_side = stacked(blocks, self.variables, self.kept)
         quadratic = csc_matrix((len(self.kept), len(self.kept)))
         settings = clarabel_settings(careful=careful)
         cost = self.cost()[self.kept]
-        return clarabel.DefaultSolver(quadratic, cost, A, wanted, cones, settings)
+        return clarabel.DefaultSolver(quadratic, cost, A, right_side, cones, settings)
 
     def solved(self, x: Values) -> Float[Array, "v"]:
         """All variables, from those that may be nonzero."""

@@ -13,7 +13,7 @@ from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
 from pipeline.orbit.thrust_cost import conjugate_bound, cost, dual_norm, support_bound, thrusts
 from pipeline.orbit.transfer import transfer_maps
-from pipeline.scenario.arrivals import Arrivals
+from pipeline.scenario.state_constraints import StateConstraints
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs may use, so that rounding stays within
 BURN = 1e-5  # share of a craft's largest control below which a cone program's control is rounding
@@ -32,14 +32,14 @@ class Duals(Rows):
     ]  # w, of the cones: the part of y · reach that the norm's limit bounds
 
 
-def decoupled_program(at: Arrivals, limits: Limits, problem: Problem) -> ConicProgram:
+def decoupled_program(at: StateConstraints, limits: Limits, problem: Problem) -> ConicProgram:
     """The cone program of decoupled craft; it minimizes total fuel, whatever the objective."""
     none: Int[Array, 0] = np.zeros(0, dtype=int)
     m = at.reach.shape[1]
     largest = np.abs(np.matvec(transfer_maps(problem).to_goal, at.miss[:, :6])).max()
     sub = Subproblem(
         *(at.reach, at.miss, none, none, np.zeros((0, m)), np.zeros(0), np.inf, 0.0),
-        constrained=at.asked,
+        constrained=at.constrained,
         unit=float(largest if largest > problem.negligible_fuel else problem.evasive_control),
         thrust=replace(problem.thrust, objective="total"),
         limits=program_limits(limits, budget=False),
@@ -57,7 +57,7 @@ def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
 
 
 def minimum_fuel_by_cones(
-    at: Arrivals, limits: Limits, problem: Problem
+    at: StateConstraints, limits: Limits, problem: Problem
 ) -> tuple[Controls | None, Duals]:
     """Minimum-fuel controls of all craft by one cone program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
@@ -68,14 +68,16 @@ def minimum_fuel_by_cones(
     sub = program.sub
     z = np.asarray(found.z)
     y = np.zeros(at.miss.shape)
-    y[at.asked] = -z[: at.asked.sum()]
+    y[at.constrained] = -z[: at.constrained.sum()]
     dual = Duals(y * sub.goal_scale * sub.unit, program.splits(z))
     if str(found.status) not in OPTIMAL:
         return None, dual
     return program.controls_of(program.solved(np.asarray(found.x))).reshape(len(at), -1, 3), dual
 
 
-def dual_bounds(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> Float[Array, "n"]:
+def dual_bounds(
+    duals: Duals, at: StateConstraints, limits: Limits, problem: Problem
+) -> Float[Array, "n"]:
     """The lower bound on the fuel of each craft, m/s², that any dual variables prove.
 
     By weak duality: for any y, a control u costs at least y · (reach u) less the conjugate of the
@@ -90,7 +92,7 @@ def dual_bounds(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) ->
     return np.fmax(bound, 0.0)
 
 
-def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Problem) -> bool:
+def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, problem: Problem) -> bool:
     """Whether it is proven that no controls of one craft bring it where it must be.
 
     By the support function of the controls along y (Farkas' lemma), or, with the largest limit
@@ -101,8 +103,8 @@ def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Probl
         most = support_bound(_along(y, at), duals.split, limits, problem.thrust)[0]
         if at.miss[0] @ y[0] > most * (1 + LIMIT_ROUNDING):
             return True
-    asked, columns = at.asked[0], limits.burns[0].ravel()
-    scale, miss, reach = at.scale[asked], at.miss[0, asked], at.reach[asked][:, columns]
+    rows, columns = at.constrained[0], limits.burns[0].ravel()
+    scale, miss, reach = at.scale[rows], at.miss[0, rows], at.reach[rows][:, columns]
     directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
     changes, effects = np.abs(directions @ miss), np.abs(directions @ reach)
     effects[effects < NO_EFFECT * effects.max(initial=0.0)] = 0.0
@@ -110,12 +112,14 @@ def proven_infeasible(duals: Duals, at: Arrivals, limits: Limits, problem: Probl
     return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
 
 
-def _along(y: Float[Array, "n r"], at: Arrivals) -> Float[Array, "n intervals 3"]:
+def _along(y: Float[Array, "n r"], at: StateConstraints) -> Float[Array, "n intervals 3"]:
     """Effect of each control along y, per m/s²."""
     return (y @ at.reach).reshape(len(y), -1, 3)
 
 
-def polished(controls: Controls, at: Arrivals, limits: Limits, problem: Problem) -> Controls:
+def polished(
+    controls: Controls, at: StateConstraints, limits: Limits, problem: Problem
+) -> Controls:
     """Controls with rounding set to zero, corrected so that they meet the required states exactly.
 
     By the least change of the remaining burns; where that is not possible, of all allowed ones.
@@ -140,31 +144,31 @@ def polished(controls: Controls, at: Arrivals, limits: Limits, problem: Problem)
     return _completed(kept, allowed, at)
 
 
-def _missed(amounts: Controls, at: Arrivals) -> Float[Array, "n"]:
+def _missed(amounts: Controls, at: StateConstraints) -> Float[Array, "n"]:
     """Largest error of controls at the states required of each craft, m; velocities over e."""
     led = np.matvec(at.reach, amounts.reshape(len(amounts), -1))
-    return np.abs(at.weight * (at.miss - led * at.asked)).max(axis=1)
+    return np.abs(at.weight * (at.miss - led * at.constrained)).max(axis=1)
 
 
 def _completed(
     amounts: Float[Array, "n intervals V"],
     free: Bool[Array, "n intervals V"],
-    at: Arrivals,
+    at: StateConstraints,
     thrust: Thrust | None = None,
 ) -> Float[Array, "n intervals V"]:
     """Controls with the least change of free ones after which required states are met.
 
     Or thrusts, where thrusters are given.
     """
-    n, asked, rows = len(amounts), at.asked, len(at.reach)
+    n, constrained, rows = len(amounts), at.constrained, len(at.reach)
     reach = at.weight[:, None] * at.reach
     if thrust is not None:
         assert thrust.directions is not None
         reach = (reach.reshape(rows, -1, 3) @ thrust.directions.T).reshape(rows, -1)
-    left = at.weight * at.miss - np.matvec(reach, amounts.reshape(n, -1)) * asked
+    left = at.weight * at.miss - np.matvec(reach, amounts.reshape(n, -1)) * constrained
     short = np.abs(left).max(axis=1) > MET
     if not short.any():
         return amounts
-    columns = reach * free.reshape(n, 1, -1) * asked[..., None]
+    columns = reach * free.reshape(n, 1, -1) * constrained[..., None]
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-9), left) * free.reshape(n, -1)
     return np.where(short[:, None, None], amounts + added.reshape(amounts.shape), amounts)

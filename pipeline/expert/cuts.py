@@ -76,8 +76,8 @@ def cuts_at(
     first: Indices, second: Indices, interval: Indices, offset: Values, problem: Problem
 ) -> Cuts:
     """Cuts at times since the starts of their intervals, s."""
-    free, pushed = problem.dynamics.step(offset, interval)
-    return Cuts(first, second, interval, free[:, :3], pushed[:, :3])
+    A, B = problem.dynamics.step(offset, interval)
+    return Cuts(first, second, interval, A[:, :3], B[:, :3])
 
 
 def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
@@ -89,21 +89,21 @@ def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPart
     if not isinstance(swarms, Participants):
         return cuts
     scale, beyond = swarms.separation_scaling(first, second)
-    met, still = cuts.other or cuts.as_first, swarms.is_obstacle(second)
-    rows, interval = second[still], met.interval[still]
-    maps = met.state_map[still], met.control_map[still]
-    offset = met.offset.copy()
-    offset[still] -= swarms.obstacle_positions(rows, interval, maps)
+    second_craft, obstacle = cuts.other or cuts.as_first, swarms.is_obstacle(second)
+    rows, interval = second[obstacle], second_craft.interval[obstacle]
+    maps = second_craft.state_map[obstacle], second_craft.control_map[obstacle]
+    offset = second_craft.offset.copy()
+    offset[obstacle] -= swarms.obstacle_positions(rows, interval, maps)
     axes = scale[:, :, None]
     return replace(
         cuts,
-        second=np.where(still, first, cuts.second),
+        second=np.where(obstacle, first, cuts.second),
         state_map=cuts.state_map * axes,
         control_map=cuts.control_map * axes,
         other=SecondCraft(
-            interval=np.where(still, 0, met.interval),
-            state_map=_unless(still, met.state_map * axes),
-            control_map=_unless(still, met.control_map * axes),
+            interval=np.where(obstacle, 0, second_craft.interval),
+            state_map=_unless(obstacle, second_craft.state_map * axes),
+            control_map=_unless(obstacle, second_craft.control_map * axes),
             offset=offset * scale,
         ),
         beyond=beyond,
@@ -146,11 +146,11 @@ def passive_safety_cuts(
     assert node is not None  # at which the first craft lost its thrust
     drifting = found.state_map @ dynamics.drift(node, found.interval)
     beyond = dynamics.drift(last, np.maximum(found.interval, last))
-    still = swarms.is_obstacle(found.second)
-    second = np.where(still, found.first, found.second)
+    obstacle = swarms.is_obstacle(found.second)
+    second = np.where(obstacle, found.first, found.second)
     goal = np.matvec(found.state_map @ beyond, states[second, last])
     start = np.matvec(drifting, states[found.first, node])
-    fixed, arrived = node == 0, (found.interval >= last) & ~still
+    fixed, arrived = node == 0, (found.interval >= last) & ~obstacle
     cuts = Cuts(
         first=np.where(fixed, found.second, found.first),
         second=np.where(arrived, found.first, found.second),
@@ -222,11 +222,11 @@ def half_spaces(
     """Linearized cuts: normal · (pᵢ - pⱼ) ≥ separation at their times (m, m/s)."""
     maps = transfer_maps(problem)
 
-    def effect(to_state: Array, interval: Indices, pushed: Array) -> Array:
+    def effect(to_state: Array, interval: Indices, control_map: Array) -> Array:
         """Effect of a craft's controls along each normal, m per m/s²."""
         row = np.vecmat(to_state, maps.reach[interval])
         columns = 3 * interval[:, None] + np.arange(3)
-        row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, pushed)
+        row[np.arange(len(interval))[:, None], columns] += np.vecmat(normal, control_map)
         return row
 
     i, j, k = cuts.first, cuts.second, cuts.interval
@@ -234,10 +234,10 @@ def half_spaces(
     row = effect(to_state, k, cuts.control_map)
     if cuts.other is not None:
         second, t = cuts.other, cuts.other.interval
-        seen = np.vecmat(normal, second.state_map)
-        apart = np.vecdot(normal, second.offset)
-        apart += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
-        apart -= np.vecdot(seen, np.matvec(maps.drift[t], initial[j]))
-        return HalfSpaces(row, separation - apart, effect(seen, t, second.control_map))
+        to_second = np.vecmat(normal, second.state_map)
+        fixed = np.vecdot(normal, second.offset)
+        fixed += np.vecdot(to_state, np.matvec(maps.drift[k], initial[i]))
+        fixed -= np.vecdot(to_second, np.matvec(maps.drift[t], initial[j]))
+        return HalfSpaces(row, separation - fixed, effect(to_second, t, second.control_map))
     drifted = np.matvec(maps.drift[k], initial[i] - initial[j])
     return HalfSpaces(row, separation - np.vecdot(to_state, drifted))

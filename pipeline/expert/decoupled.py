@@ -19,9 +19,9 @@ from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost, craft_fuel
 from pipeline.orbit.transfer import meet_goal, minimum_energy, transfer_maps
-from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import limits_of
-from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft
+from pipeline.scenario.state_constraints import StateConstraints, state_constraints
+from pipeline.scenario.waypoint import Waypoint, node_choices, of_craft
 
 LOOSE = 1e-7  # largest gap between a craft's fuel and its bound, as a share of its fuel
 # How a lower bound is proven
@@ -58,16 +58,16 @@ def decoupled_optima(
     goal: Formation,
     problem: Problem,
     limits: Limits | None = None,
-    arrivals: Arrivals | None = None,
+    constraints: StateConstraints | None = None,
 ) -> DecoupledOptima:
     """Minimum-fuel transfer of each craft between its two states, m and m/s.
 
     By table where the optimum without a thrust limit keeps to the limit, since then it is optimal
     with it too; the others by cone programs. With limits of each craft, all by cone programs, and
-    to ``arrivals`` where they are given.
+    to ``constraints`` where they are given.
     """
     if limits is not None:
-        at = arrivals or arrivals_of(initial, goal, problem, {})
+        at = constraints or state_constraints(initial, goal, problem, {})
         return limited_optima(minimum_energy(initial, goal, problem), at, problem, limits)
     miss = goal_miss(initial, goal, problem)
     controls, bound = minimum_energy(initial, goal, problem), np.zeros(len(miss))
@@ -80,7 +80,7 @@ def decoupled_optima(
     tabled = np.full(len(miss), found is not None)
     beyond = np.flatnonzero(~feasible).tolist()
     if beyond:
-        at, alike = arrivals_of(initial, goal, problem, {}), limits_of((), len(miss), problem)
+        at, alike = state_constraints(initial, goal, problem, {}), limits_of((), len(miss), problem)
     for k in beyond:
         one = slice(k, k + 1)  # alone, so that a plan does not depend on others in its batch
         alone = limited_optima(controls[one], at[one], problem, alike[one])
@@ -94,7 +94,7 @@ def decoupled_optima(
 
 
 def limited_optima(
-    controls: Controls, at: Arrivals, problem: Problem, limits: Limits
+    controls: Controls, at: StateConstraints, problem: Problem, limits: Limits
 ) -> DecoupledOptima:
     """Decoupled optima by one cone program of all craft, or one for each where bounds are loose.
 
@@ -129,33 +129,33 @@ def limited_optima(
     )
 
 
-def arrivals_at_least_fuel(
+def cheapest_constraints(
     initial: Formation,
     goal: Formation,
     problem: Problem,
     limits: Limits,
     waypoints: Sequence[Waypoint],
-) -> tuple[Arrivals, Float[Array, "n"]]:
+) -> tuple[StateConstraints, Float[Array, "n"]]:
     """Required states of each craft, and a lower bound on its fuel over all choices of open times.
 
     The bound, m/s², is infinite where no time is open. All choices of a craft are tried.
     """
     passed, bound = {}, np.full(len(initial), np.inf)
     for craft, some in of_craft(waypoints).items():
-        choices = choices_of(some, problem)
+        choices = node_choices(some, problem)
         best = choices[0]
         if len(choices) > 1:
             many = [craft] * len(choices)
             ends = initial[many], goal[many], problem
             tried = {k: list(zip(nodes, some, strict=True)) for k, nodes in enumerate(choices)}
-            optima = decoupled_optima(*ends, limits[many], arrivals_of(*ends, tried))
+            optima = decoupled_optima(*ends, limits[many], state_constraints(*ends, tried))
             fuel = craft_fuel(optima.controls, problem.thrust, limits[many])
             fuel = np.where(optima.feasible, fuel, np.inf)
             # Where none is feasible, one that is not proven impossible.
             best = choices[int(np.lexsort((optima.impossible, fuel))[0])]
             bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
         passed[craft] = list(zip(best, some, strict=True))
-    return arrivals_of(initial, goal, problem, passed), bound
+    return state_constraints(initial, goal, problem, passed), bound
 
 
 def _one_by_one(some: Int[Array, "_"], of: Int[Array, "_"]) -> list[Int[Array, "_"]]:

@@ -94,9 +94,9 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     started, settings = perf_counter(), settings or Settings()
     problem = plan.scenario.problem
     back_off = BackOff(limit.uncertainty(problem), 0.0, limit.closed_loop)
-    candidates = [_judged(plan, back_off)]
+    candidates = [_with_risk(plan, back_off)]
     if plan.status == SOLVED and candidates[0].risk.total > limit.asked:
-        candidates.extend(_more_careful(candidates[0], limit, settings, requirements.nominal))
+        candidates.extend(_safer_candidates(candidates[0], limit, settings, requirements.nominal))
     best = min(candidates, key=lambda one: _preference(one, limit.asked))
     fuel_without = plan.certificate.fuel if plan.status == SOLVED else None
     claim = replace(
@@ -118,7 +118,7 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     return replace(found, status=UNSOLVED, message=_too_risky(best, limit.asked))
 
 
-def _more_careful(
+def _safer_candidates(
     first: _Candidate, limit: RiskLimit, settings: Settings, requirements: Requirements
 ) -> Iterator[_Candidate]:
     """Search for the number k of standard deviations, until the risk is good enough.
@@ -129,37 +129,37 @@ def _more_careful(
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
-    asked, uncertainty = limit.asked, limit.uncertainty(first.plan.scenario.problem)
-    if first.risk.at_ends.sum() > HOPELESS * asked:
+    risk_limit, uncertainty = limit.asked, limit.uncertainty(first.plan.scenario.problem)
+    if first.risk.at_ends.sum() > HOPELESS * risk_limit:
         return
-    held = max(1, int((first.risk.of_pair > asked / max(1, len(first.risk.of_pair))).sum()))
-    sigmas, few, enough, plan = _tail(AIM * asked / held), 0.0, np.inf, first.plan
-    if first.risk.total - first.risk.saturation <= asked:
+    pairs = max(1, int((first.risk.of_pair > risk_limit / max(1, len(first.risk.of_pair))).sum()))
+    sigmas, too_few, enough, plan = _tail(AIM * risk_limit / pairs), 0.0, np.inf, first.plan
+    if first.risk.total - first.risk.saturation <= risk_limit:
         sigmas = 0.0
     for _ in range(TRIES):
         back_off = BackOff(uncertainty, sigmas, limit.closed_loop)
-        scenario = _leaving_room(plan, back_off, asked)
-        (made,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
-        made = _within_limit(made, first.plan, requirements)
-        one = _judged(made, back_off)
-        yield one
-        risk = one.risk.total
-        if made.status != SOLVED:
+        scenario = _leaving_room(plan, back_off, risk_limit)
+        (found,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
+        found = _within_limit(found, first.plan, requirements)
+        candidate = _with_risk(found, back_off)
+        yield candidate
+        risk = candidate.risk.total
+        if found.status != SOLVED:
             enough = sigmas  # no plan: a smaller number follows
-            sigmas = (few + enough) / 2
+            sigmas = (too_few + enough) / 2
             continue
-        ends = float(one.risk.at_ends.sum())
-        if ENOUGH * asked <= risk <= asked or ends >= asked:
+        ends = float(candidate.risk.at_ends.sum())
+        if ENOUGH * risk_limit <= risk <= risk_limit or ends >= risk_limit:
             return
-        few, enough = (sigmas, enough) if risk > asked else (few, sigmas)
-        times = max(risk - ends, 0.0) / ndtr(-sigmas)
-        wanted = _tail(AIM * (asked - ends) / times) if times > 0 else 0.0
-        if not few < wanted < enough:
-            wanted = (few + enough) / 2 if np.isfinite(enough) else 1.1 * few
-        sigmas, plan = wanted, made
+        too_few, enough = (sigmas, enough) if risk > risk_limit else (too_few, sigmas)
+        factor = max(risk - ends, 0.0) / ndtr(-sigmas)
+        following = _tail(AIM * (risk_limit - ends) / factor) if factor > 0 else 0.0
+        if not too_few < following < enough:
+            following = (too_few + enough) / 2 if np.isfinite(enough) else 1.1 * too_few
+        sigmas, plan = following, found
 
 
-def _leaving_room(plan: Plan, back_off: BackOff, asked: float) -> Scenario:
+def _leaving_room(plan: Plan, back_off: BackOff, risk_limit: float) -> Scenario:
     """The scenario with thrust reserved for corrections at each node, where the limit suffices.
 
     So corrections exceed the limit only with a small share of the risk.
@@ -169,7 +169,7 @@ def _leaving_room(plan: Plan, back_off: BackOff, asked: float) -> Scenario:
         return scenario
     correction = back_off.dispersion(plan.controls, scenario.problem).correction_covariance
     largest = float(np.sqrt(np.diagonal(correction, axis1=2, axis2=3)).max())
-    left = limit - _tail(SATURATION * asked / plan.controls.size) * largest
+    left = limit - _tail(SATURATION * risk_limit / plan.controls.size) * largest
     if left <= 0:
         return scenario
     return replace(scenario, problem=replace(scenario.problem, max_acceleration=left))
@@ -193,41 +193,41 @@ def _tail(probability: float) -> float:
     return max(0.0, -float(ndtri(min(probability, 0.5))))
 
 
-def _judged(plan: Plan, back_off: BackOff) -> _Candidate:
+def _with_risk(plan: Plan, back_off: BackOff) -> _Candidate:
     problem = plan.scenario.problem
     errors = back_off.uncertainty, back_off.closed_loop
     risk = collision_risk(plan.states, plan.controls, problem, *errors)
     return _Candidate(plan, back_off.sigmas, risk)
 
 
-def _preference(candidate: _Candidate, asked: float) -> tuple[bool, float]:
+def _preference(candidate: _Candidate, risk_limit: float) -> tuple[bool, float]:
     """Sort key: plans within the risk limit first, by fuel, then the others, by risk."""
-    kept = candidate.plan.status == SOLVED and candidate.risk.total <= asked
+    kept = candidate.plan.status == SOLVED and candidate.risk.total <= risk_limit
     return not kept, candidate.plan.certificate.fuel if kept else candidate.risk.total
 
 
-def _too_risky(candidate: _Candidate, asked: float) -> str:
+def _too_risky(candidate: _Candidate, risk_limit: float) -> str:
     """Why the risk limit is not kept: the pair that adds most, and whether the ends alone do."""
     scenario, risk = candidate.plan.scenario, candidate.risk
-    if risk.saturation > asked:
+    if risk.saturation > risk_limit:
         return (
             f"corrections at each node ask for more than max_acceleration with a probability of up "
-            f"to {risk.saturation:.3g}, asked for was a risk of {asked:g}"
+            f"to {risk.saturation:.3g}, asked for was a risk of {risk_limit:g}"
         )
     radius, worst = scenario.problem.collision_radius, int(risk.of_pair.argmax())
-    said = (
+    text = (
         f"the risk that a pair comes within {radius:g} m is bounded by {risk.total:.3g}, asked for "
-        f"was {asked:g}; craft {risk.first[worst]} and {risk.second[worst]} add "
+        f"was {risk_limit:g}; craft {risk.first[worst]} and {risk.second[worst]} add "
         f"{risk.of_pair[worst]:.3g}"
     )
-    if risk.at_ends.sum() <= asked:
-        return said
+    if risk.at_ends.sum() <= risk_limit:
+        return text
     worst = int(risk.at_ends.argmax())
     i, j = int(risk.first[worst]), int(risk.second[worst])
     ends = {"start": scenario.initial, "goal": scenario.goal}
-    apart = {name: float(np.linalg.norm(s[i, :3] - s[j, :3])) for name, s in ends.items()}
-    where = min(apart, key=lambda name: apart[name])
+    distances = {name: float(np.linalg.norm(s[i, :3] - s[j, :3])) for name, s in ends.items()}
+    closest = min(distances, key=lambda name: distances[name])
     return (
-        f"{said}, and the ends alone have {risk.at_ends.sum():.3g}: craft {i} and {j} are "
-        f"{apart[where]:.4g} m apart at the {where}"
+        f"{text}, and the ends alone have {risk.at_ends.sum():.3g}: craft {i} and {j} are "
+        f"{distances[closest]:.4g} m apart at the {closest}"
     )

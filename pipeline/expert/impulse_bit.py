@@ -29,27 +29,28 @@ def without_small_burns(task: SearchProblem, results: Sequence[SearchResult]) ->
     found = list(results)
     for k, result in enumerate(results):
         if not result.obstacle:
-            found[k] = _again(task.part([k]), result)
+            found[k] = _searched_again(task.part([k]), result)
     return found
 
 
-def _again(task: SearchProblem, result: SearchResult) -> SearchResult:
+def _searched_again(task: SearchProblem, result: SearchResult) -> SearchResult:
     """The result of one scenario, searched again where a burn is too small."""
     batch, limits = task.batch, task.batch.limits
     assert limits is not None
     if not too_small(result.controls, limits, batch.problem).any():
         return result
     has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
-    found = (_without if has_cones else _search_by_integers)(task, result)
+    found = (_search_with_fewer_burns if has_cones else _search_by_integers)(task, result)
     if result.feasible:
         fuel = craft_fuel(result.controls, batch.problem.thrust, limits)
         found = replace(found, fuel_without=float(fuel.sum()))
     if not found.obstacle and too_small(found.controls, limits, batch.problem).any():
-        found = replace(found, feasible=False, obstacle=f"not all burns reach {_least(batch)}")
+        why = f"not all burns reach {_smallest_burn(batch)}"
+        found = replace(found, feasible=False, obstacle=why)
     return found
 
 
-def _least(batch: Batch) -> str:
+def _smallest_burn(batch: Batch) -> str:
     return f"{batch.problem.thrust.min_delta_v:g} m/s"
 
 
@@ -59,12 +60,12 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
 
     batch, optima = task.batch, task.batch.optima
     assert batch.limits is not None
-    assert batch.arrivals is not None
+    assert batch.constraints is not None
     controls = optima.controls.copy()
     small = too_small(controls, batch.limits, batch.problem)
     for k in np.flatnonzero(small.any(axis=(1, 2))):
         craft = slice(k, k + 1)
-        at = batch.arrivals[craft]
+        at = batch.constraints[craft]
         sub = decoupled_program(at, batch.limits[craft], batch.problem).sub
         try:
             alone = by_integers(sub).controls.reshape(1, -1, 3)
@@ -72,14 +73,14 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
             why = f"craft {k} alone: {error}"
             return replace(result, feasible=False, obstacle=why)
         controls[craft] = polished(alone, at, batch.limits[craft], batch.problem)
-    whole = Batch(batch.scenarios, batch.limits, batch.arrivals)
-    whole.optima = replace(optima, controls=controls)
-    search = replace(task, batch=whole, whole_burns=True)
+    start = Batch(batch.scenarios, batch.limits, batch.constraints)
+    start.optima = replace(optima, controls=controls)
+    search = replace(task, batch=start, whole_burns=True)
     (found,) = Search(search, [result.controls]).run()
     return replace(found, convex_solves=result.convex_solves + found.convex_solves)
 
 
-def _without(task: SearchProblem, result: SearchResult) -> SearchResult:
+def _search_with_fewer_burns(task: SearchProblem, result: SearchResult) -> SearchResult:
     """Search one scenario with ever fewer burns, until all are large enough or rounds end."""
     batch, solves = task.batch, result.convex_solves
     assert batch.limits is not None
@@ -88,10 +89,10 @@ def _without(task: SearchProblem, result: SearchResult) -> SearchResult:
         if not dropped.any():
             break
         limits = replace(batch.limits, burns=batch.limits.burns & ~dropped)
-        batch = Batch(batch.scenarios, limits, batch.arrivals)
+        batch = Batch(batch.scenarios, limits, batch.constraints)
         if not batch.optima.feasible.all():
             k = int(batch.optima.feasible.argmin())
-            why = f"no burns of craft {k} were found of at least {_least(batch)} each"
+            why = f"no burns of craft {k} were found of at least {_smallest_burn(batch)} each"
             return replace(result, convex_solves=solves, feasible=False, obstacle=why)
         (result,) = Search(replace(task, batch=batch), [result.controls]).run()
         solves += result.convex_solves

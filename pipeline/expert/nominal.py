@@ -149,9 +149,9 @@ def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
     if task.requirements.passive_safety is not None:
         # Coplanar craft first avoid each other in their plane, where there may be no way past one
         # that drifts; passing on other sides leads out of it.
-        found = _again(
+        found = _from_further_starts(
             *(part, found, settings.again),
-            wanting=lambda _, result: not result.feasible,
+            unsatisfactory=lambda _, result: not result.feasible,
             better=lambda _, best, other: other if other.feasible else best,
         )
     # The sides on which craft pass each other decide which local optimum a search ends in.
@@ -162,9 +162,9 @@ def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
         fuel = batch.objective(result.controls, batch.craft[k])
         return gap_of(fuel, bounds[k], batch.problem) > settings.gap_tolerance
 
-    found = _again(
+    found = _from_further_starts(
         *(part, found, settings.starts - 1),
-        wanting=too_expensive,
+        unsatisfactory=too_expensive,
         better=lambda k, best, other: _better(part.part([k]), best, other),
     )
     if batch.problem.thrust.min_delta_v is not None:
@@ -205,7 +205,7 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     if found is None or found.pair is None:
         return ""
     i, j = found.pair
-    whence = "its start" if found.node == 0 else "its goal"
+    end = "its start" if found.node == 0 else "its goal"
     near = f"within {found.distance:.6g} m of"
     if scenario.sized:
         near = f"{scenario.problem.collision_radius - found.distance:.6g} m too close to"
@@ -213,22 +213,22 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     if j >= scenario.n:
         other = scenario.obstacles[j - scenario.n].name
     return (
-        f"craft {i}, adrift from {whence}, comes {near} {other} at {found.time:.6g} s, whatever is "
+        f"craft {i}, adrift from {end}, comes {near} {other} at {found.time:.6g} s, whatever is "
         f"planned; {scenario.wanted(i, j)}"
     )
 
 
-def _again(
+def _from_further_starts(
     task: SearchProblem,
     first: Sequence[SearchResult],
     times: int,
-    wanting: Callable[[int, SearchResult], bool],
+    unsatisfactory: Callable[[int, SearchResult], bool],
     better: Callable[[int, SearchResult, SearchResult], SearchResult],
 ) -> list[SearchResult]:
     """Search unsatisfactory scenarios again from further starts, and keep the better results."""
     results = list(first)
     for start in range(1, times + 1):
-        left = [k for k, result in enumerate(results) if wanting(k, result)]
+        left = [k for k, result in enumerate(results) if unsatisfactory(k, result)]
         if not left:
             break
         for k, other in zip(left, Search(task.part(left), start=start).run(), strict=True):

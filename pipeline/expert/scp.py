@@ -109,7 +109,7 @@ class Search:
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
         # Controls when pairs were last checked, and craft that were unsafe then.
-        self.judged, self.unsafe = self.iterate.controls.copy(), self.active.copy()
+        self.checked, self.unsafe = self.iterate.controls.copy(), self.active.copy()
         self.shift = self._first_shift(start)
         self.incumbents.update(self.iterate.controls, ~in_conflict)
 
@@ -166,7 +166,7 @@ class Search:
             self.incumbents.begin_round(self.active)
             clusters = self._solve(self._clusters(self.active))
             if clusters:
-                self._judge(clusters)
+                self._check(clusters)
         kept = self.accepted & (self.active | self.failed)
         self.iterate.controls[kept] = self.reference.controls[kept]
         return self.incumbents.results(self.iterate.controls, self.cuts, self.active & ~kept)
@@ -182,10 +182,10 @@ class Search:
         self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
     ) -> Trajectory:
         initial, goal, batch = self.batch.initial[craft], self.batch.goal[craft], self.batch
-        if batch.limits is None or batch.arrivals is None:
+        if batch.limits is None or batch.constraints is None:
             exact = meet_goal(initial, controls, goal, self.problem)
         else:
-            at, limits = batch.arrivals[craft], batch.limits[craft]
+            at, limits = batch.constraints[craft], batch.limits[craft]
             exact = polished(controls, at, limits, self.problem)
         return Trajectory(exact, fly(initial, exact, self.problem))
 
@@ -208,8 +208,8 @@ class Search:
 
     def _raise_back_off(self, flown: Trajectory) -> None:
         """Raise back-offs to those of a trajectory; they never fall, or the search might cycle."""
-        asked = self.task.detection.back_off_of(self.cuts, flown)
-        self.back_off = np.maximum(self.back_off, asked)
+        needed = self.task.detection.back_off_of(self.cuts, flown)
+        self.back_off = np.maximum(self.back_off, needed)
 
     def _clusters(self, touched: CraftMask) -> list[Cluster]:
         """The clusters of some craft."""
@@ -220,8 +220,8 @@ class Search:
 
     def _distances(self, flown: Trajectory) -> Values:
         """Separation of each cut's pair in a trajectory, less its back-off, m."""
-        apart = norm(gaps(self.cuts, flown.states, flown.controls))
-        return apart - self.task.detection.back_off_of(self.cuts, flown)
+        distance = norm(gaps(self.cuts, flown.states, flown.controls))
+        return distance - self.task.detection.back_off_of(self.cuts, flown)
 
     def _solve(self, clusters: list[Cluster]) -> list[Cluster]:
         """Solve each cluster's program, with all cuts linearized about the reference.
@@ -245,7 +245,7 @@ class Search:
                 self.reference, craft
             )
             if self.accepted[craft].all() and gained_nothing:
-                self._go_back(craft)
+                self._return_to_reference(craft)
         moved = np.concatenate(clusters)
         self.iterate.set(moved, self._propagated(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
@@ -317,14 +317,14 @@ class Search:
             basis=None if basis is None else basis[craft],
             last=last,
         )
-        if batch.limits is None or batch.arrivals is None:
+        if batch.limits is None or batch.constraints is None:
             return SOLVERS[self.settings.solver](sub)
-        weight, at = batch.weight, batch.arrivals[craft]
-        made = replace(
+        weight, at = batch.weight, batch.constraints[craft]
+        general = replace(
             sub,
             reach=at.reach,
             miss=at.miss,
-            constrained=at.asked,
+            constrained=at.constrained,
             thrust=self.problem.thrust,
             time_step=self.problem.time_step,
             limits=program_limits(batch.limits[craft]),
@@ -333,10 +333,10 @@ class Search:
         if self.task.whole_burns:
             from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
 
-            return by_integers(made)
-        return by_cones(made)
+            return by_integers(general)
+        return by_cones(general)
 
-    def _go_back(self, craft: Cluster) -> None:
+    def _return_to_reference(self, craft: Cluster) -> None:
         """End a cluster's search with its safe iterate, which is checked again, as others moved."""
         self.iterate.controls[craft] = self.reference.controls[craft]
         self.active[craft] = False
@@ -345,12 +345,12 @@ class Search:
         """End the search of a cluster that failed, with its safe iterate if it has one."""
         self.incumbents.note_failure(int(craft[0]), why)
         if self.accepted[craft].all():
-            self._go_back(craft)
+            self._return_to_reference(craft)
         else:
             self.active[craft], self.failed[craft] = False, True
 
-    def _judge(self, clusters: list[Cluster]) -> None:
-        """Accept clusters whose new iterate is safe, and add cuts to the others."""
+    def _check(self, clusters: list[Cluster]) -> None:
+        """Accept clusters whose new iterate has no conflicts, and add cuts to the others."""
         moved = self._moved(clusters)
         within = self.settings.looked_at(self.problem.collision_radius)
         found, bound = self.task.detection.conflicts(self.iterate, within, moved)
@@ -378,10 +378,10 @@ class Search:
         moved[np.concatenate(clusters)] = True
         for craft in clusters:
             if len(craft) >= LARGE:
-                change = np.abs(self.iterate.controls[craft] - self.judged[craft]).max(axis=(1, 2))
+                change = np.abs(self.iterate.controls[craft] - self.checked[craft]).max(axis=(1, 2))
                 stays = change <= STILL * self.batch.unit[self.swarm[craft[0]]]
                 moved[craft[stays & ~self.unsafe[craft]]] = False
-        self.judged[moved] = self.iterate.controls[moved]
+        self.checked[moved] = self.iterate.controls[moved]
         return moved
 
     def _predicted_gains(self) -> Float[Array, "n"]:
@@ -412,9 +412,9 @@ class Search:
     def _choose_reference(self, unsafe: CraftMask) -> None:
         """Keep linearization points that satisfy all their cuts; move others to the iterate."""
         broken = self._distances(self.reference) <= self.problem.collision_radius
-        missed = self.labels[self.cuts.first[broken]]
+        moving = self.labels[self.cuts.first[broken]]
         for craft in self._clusters(unsafe):
             self.active[craft], self.failed[craft] = True, False
-            if craft[0] in missed:
+            if craft[0] in moving:
                 self.reference.set(craft, self.iterate[craft])
                 self.accepted[craft] = False

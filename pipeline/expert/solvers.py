@@ -40,16 +40,16 @@ def by_simplex(sub: Subproblem) -> Optimum:
     infeasible.
     """
     solver, (n, m, k) = _highs(), sub.shape
-    most = np.full(2 * n * m + k, np.inf)
-    most[: 2 * n * m] = sub.limit / sub.unit
-    wanted = sub.goals()
-    least = np.concatenate([wanted, sub.required / LENGTH])
+    upper = np.full(2 * n * m + k, np.inf)
+    upper[: 2 * n * m] = sub.limit / sub.unit
+    goals = sub.goals()
+    lower = np.concatenate([goals, sub.required / LENGTH])
     start, column, value = _rows(sub)
     solver.passModel(
-        *(len(most), len(least), len(value), ROWWISE, _MINIMIZE, 0.0),
-        *(sub.cost(), np.zeros(len(most)), most),
-        *(least, np.concatenate([wanted, np.full(k, np.inf)])),
-        *(start, column, value, np.zeros(len(most), dtype=np.int32)),
+        *(len(upper), len(lower), len(value), ROWWISE, _MINIMIZE, 0.0),
+        *(sub.cost(), np.zeros(len(upper)), upper),
+        *(lower, np.concatenate([goals, np.full(k, np.inf)])),
+        *(start, column, value, np.zeros(len(upper), dtype=np.int32)),
     )
     if sub.last is not None:
         solver.setBasis(_basis_of(sub.last))

@@ -27,7 +27,7 @@ class Conditions:
     j2: bool = True  # whether the Earth is oblate
     # C_D A/m in the middle of the swarm and of the reference, m²/kg; None for no drag
     ballistic: float | None = None
-    # share of it by which the first craft has less, and the last more; equally spaced between
+    # relative spread of C_D A/m, linear over the craft: the first has less, the last more
     spread: float = 0.1
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, ProlearnError, check_range, told_which_extra
+from pipeline.errors import InputError, ProlearnError, check_range, missing_extra_hint
 from pipeline.files import published
 from pipeline.networks.architecture import find
 from pipeline.networks.document import Ends
@@ -225,7 +225,7 @@ def traced(
     architecture, for messages. InputError where onnxscript is not installed. ProlearnError where
     torch cannot trace the module.
     """
-    with told_which_extra():
+    with missing_extra_hint():
         import onnxscript  # noqa: F401  (torch's exporter needs it)
     try:
         with _quiet(), torch.no_grad():
@@ -266,7 +266,7 @@ def write(made: torch.onnx.ONNXProgram, path: Path, axes: Axes, about: Mapping[s
 
 def open_session(path: Path) -> Any:
     """An onnxruntime session on one core; InputError where that is not installed."""
-    with told_which_extra():
+    with missing_extra_hint():
         import onnxruntime
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -34,7 +34,7 @@ MOST_UNLIKE = 500  # craft at most of a swarm with radii or obstacles: all pairs
 
 @dataclass(frozen=True)
 class Obstacle:
-    """What craft keep clear of and no plan moves: a chief, a target, debris, a dead craft.
+    """A body that craft keep clear of and no plan moves: a chief, a target, debris, a dead craft.
 
     Attributes:
         name: what messages and certificates call it.

@@ -65,7 +65,7 @@ class ReferenceOrbit:
     j2: bool = True  # whether J2 acts
     # C_D A/m of the reference and the swarm's mean, m²/kg; None for no drag
     ballistic: float | None = None
-    # the first craft has less by this share and the last more, the others equally spaced between
+    # relative spread of C_D A/m, linear over the craft: the first has less, the last more
     spread: float = 0.0
     start: float = 0.0  # of the first node, s since the epoch
 

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
-from pipeline.errors import InputError, ProlearnError, told_which_extra
+from pipeline.errors import InputError, ProlearnError, missing_extra_hint
 from pipeline.parallel.processes import KEPT, SAME, WorkersLostError
 from pipeline.progress import Progress
 from pipeline.text import public, public_url
@@ -197,7 +197,7 @@ def _client(scheduler: str, seconds: float) -> "Client":
 @contextmanager
 def _without_logs() -> Iterator[None]:
     """Hide the tracebacks that Dask logs of a lost scheduler; InputError without Dask."""
-    with told_which_extra():
+    with missing_extra_hint():
         import distributed  # noqa: F401, its loggers have their levels from then on
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     before = [logger.level for logger in loggers]

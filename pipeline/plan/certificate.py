@@ -23,7 +23,7 @@ from pipeline.orbit.thrust_cost import burn_sizes, craft_fuel
 from pipeline.orbit.transfer import dynamics_defect
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, refuse_risk
 from pipeline.scenario import Scenario, participants, shared_problem
-from pipeline.scenario.waypoint import missed
+from pipeline.scenario.waypoint import waypoint_errors
 
 Columns = dict[str, Sequence[Any]]  # fields of certificates, one value for each scenario
 
@@ -349,7 +349,10 @@ def certify(
         defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
     columns["dynamics_error"] = np.maximum.reduceat(defect, starts).tolist()
     both = zip(scenarios, flown, strict=True)
-    off = [missed(s.waypoints, one, problem) if s.waypoints else (None, None) for s, one in both]
+    off = [
+        waypoint_errors(s.waypoints, one, problem) if s.waypoints else (None, None)
+        for s, one in both
+    ]
     columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
     in_flights: Sequence[NonlinearFlight | None] = flights or [None] * len(scenarios)
     columns["corridor"] = list(map(CorridorMargin.of, scenarios, flown, burned, in_flights))

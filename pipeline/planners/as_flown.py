@@ -40,9 +40,9 @@ from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
-from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.waypoint import Waypoint, choices_of, of_craft, passed_at
+from pipeline.scenario.state_constraints import StateConstraints, state_constraints
+from pipeline.scenario.waypoint import Waypoint, node_choices, of_craft, waypoint_nodes
 
 MOST_CORRECTIONS = 8  # steps of Newton's method, which converges quadratically
 GOAL_TOLERANCE = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that is not corrected, m and m/s
@@ -135,7 +135,7 @@ def _passed(linear: Plan) -> Waypoints:
     problem, waypoints = linear.scenario.problem, linear.scenario.waypoints
     if (linear.certificate.waypoint_error or 0.0) > POSITION_TOLERANCE:
         return ()
-    found = passed_at(waypoints, linear.states, problem)
+    found = waypoint_nodes(waypoints, linear.states, problem)
     both = [one for some in found.values() for one in some]
     return tuple(replace(one, time=node * problem.time_step) for node, one in both)
 
@@ -227,7 +227,7 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
 
     Where that fails to reach POSITION_TOLERANCE, the controls with the least miss.
     """
-    problem, at = scenario.problem, _arrivals(scenario)
+    problem, at = scenario.problem, _constraints(scenario)
     tried: list[tuple[float, Controls, States]] = []  # with the miss over GOAL_TOLERANCE
     while len(tried) <= MOST_CORRECTIONS:
         try:
@@ -236,7 +236,7 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
             if not tried:
                 raise
             break
-        miss = at.missed(states)
+        miss = at.residuals(states)
         off = float((np.abs(miss) / np.tile(GOAL_TOLERANCE, len(at.nodes))).max())
         tried.append((off, controls, states))
         if off <= 1:
@@ -247,13 +247,13 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
     return tried[-1][1:]
 
 
-def _arrivals(scenario: Scenario) -> Arrivals:
+def _constraints(scenario: Scenario) -> StateConstraints:
     """The constraints of goals and waypoints, all of which have times."""
     problem, passed = scenario.problem, {}
     for craft, some in of_craft(scenario.waypoints).items():
-        (nodes,) = choices_of(some, problem)
+        (nodes,) = node_choices(some, problem)
         passed[craft] = [*zip(nodes, some, strict=True)]
-    return arrivals_of(scenario.initial, scenario.goal, problem, passed)
+    return state_constraints(scenario.initial, scenario.goal, problem, passed)
 
 
 def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Draft:
@@ -264,11 +264,11 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
     except InputError as error:  # beyond the largest position of a scenario
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
-    found, batch = linear.certificate, Batch([shifted], arrivals=_arrivals(shifted))
+    found, batch = linear.certificate, Batch([shifted], constraints=_constraints(shifted))
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
         eased = _tightened(scenario)
-        change = bound - Batch([eased], arrivals=_arrivals(eased)).bound(0)[0]
+        change = bound - Batch([eased], constraints=_constraints(eased)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     least, timing = batch.least_share(batch.craft[0]), {"plan": linear.timing.get("plan", 0.0)}
     return Draft(controls, bound, PROOF.format(proof), linear.convex_solves, timing, least)
@@ -277,7 +277,7 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
 def _corrected_controls(
     controls: Controls,
     miss: Float[Array, "n r"],
-    at: Arrivals,
+    at: StateConstraints,
     problem: Problem,
     limits: Limits | None,
 ) -> Controls:
@@ -302,11 +302,11 @@ def _corrected_controls(
 
 
 def _least_change(
-    free: Bool[Array, "n intervals 3"], miss: Float[Array, "n r"], at: Arrivals
+    free: Bool[Array, "n intervals 3"], miss: Float[Array, "n r"], at: StateConstraints
 ) -> tuple[Float[Array, "n m"], CraftMask]:
     """Least-squares changes of free components, and the craft for which they do not suffice."""
     columns = (at.weight[:, None] * at.reach) * free.reshape(len(free), 1, -1)
-    columns *= at.asked[..., None]
+    columns *= at.constrained[..., None]
     wanted = at.weight * miss
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-6), wanted)
     added *= free.reshape(added.shape)  # where it is zero but for rounding

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from pipeline.documents import DIALECT, document_from, read_document, write_document
-from pipeline.errors import check_kind, told_where
+from pipeline.errors import check_kind, error_context
 from pipeline.files import path_of, stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
@@ -33,7 +33,7 @@ WHAT = f"a scenario file (schema {SCHEMA})"
 class ScenarioDocument(
     Strict, json_schema_extra=one_of(mean_motion="number", altitude="number", orbit="object")
 ):
-    """What a swarm is asked to do: where each craft starts, and where it must be at the end.
+    """A transfer of a swarm: where each craft starts, and where it must be at the end.
 
     SI units but for angles, whose names end in _deg. LVLH frame: x radial outward, y along-track,
     z cross-track.
@@ -43,10 +43,11 @@ class ScenarioDocument(
         alias="schema", description="Name and version of this format."
     )
     mean_motion: Positive | None = Field(
-        None, description="Of the circular reference orbit, rad/s; or give altitude."
+        None, description="Mean motion of the circular reference orbit, rad/s; or give altitude."
     )
     altitude: Positive | None = Field(
-        None, description="Of the circular reference orbit above the Earth's equatorial radius, m."
+        None,
+        description="Altitude of the circular reference orbit above the equatorial radius, m.",
     )
     orbit: OrbitDocument | None = Field(
         None, description="A reference orbit that is no circle, or has perturbations."
@@ -55,10 +56,10 @@ class ScenarioDocument(
         Problem.time_step, description="Length of an interval of constant control, s."
     )
     nodes: Whole = Field(
-        Problem.nodes, ge=3, description="Time nodes, both ends included: intervals and one."
+        Problem.nodes, ge=3, description="Number of time nodes, both ends included."
     )
     collision_radius: Positive = Field(
-        Problem.collision_radius, description="Craft must be further apart at all times, m."
+        Problem.collision_radius, description="Separation that craft must exceed at all times, m."
     )
     max_acceleration: Positive | None = Field(
         None,
@@ -80,17 +81,17 @@ class ScenarioDocument(
     no_burn: NoBurn = ()
     objective: Objective = Field(
         "total",
-        description="What is least: total, the fuel of all craft; fair, the largest share that a "
-        "craft burns of its delta_v.",
+        description="What is minimized: total, the fuel of all craft; fair, the largest share of "
+        "its delta_v that a craft burns.",
     )
     craft: list[SpacecraftDocument] = Field(
-        [], description="What each craft has of its own; empty where all are alike."
+        [], description="Properties of each craft; empty where all are alike."
     )
     waypoints: list[WaypointDocument] = Field(
         [], description="Places that craft must pass on their way, in the order of each craft."
     )
     obstacles: list[ObstacleDocument] = Field(
-        [], description="What craft keep clear of at all times and no plan moves."
+        [], description="Bodies that craft keep clear of at all times and no plan moves."
     )
     corridors: list[CorridorDocument] = Field(
         [], description="Boxes and approach cones that craft stay inside of for some time."
@@ -102,8 +103,8 @@ class ScenarioDocument(
     )
     ends: Ends = Field(
         "passive",
-        description="passive: both ends are on orbits that do not drift; any: as in a rendezvous, "
-        "they may.",
+        description="passive: at both ends craft are on orbits that do not drift; any: they may "
+        "drift, as in a rendezvous.",
     )
 
     @model_validator(mode="after")
@@ -157,7 +158,7 @@ class ScenarioDocument(
 
     def scenario_of(self, path: Path) -> Scenario:
         """The scenario, whose InputErrors name the file."""
-        with told_where(path):
+        with error_context(path):
             return self.scenario(stem_of(path))
 
 
@@ -168,9 +169,9 @@ def read_scenario(path: Path | str) -> Scenario:
 
 
 def read_checked(path: Path, *, allow_drift: bool = False) -> Scenario:
-    """The scenario in a file, read and checked; InputErrors have the file's name."""
+    """The scenario in a file, checked by ``check``; InputErrors have the file's name."""
     scenario = read_scenario(path)
-    with told_where(path):
+    with error_context(path):
         check(scenario, allow_drift=allow_drift)
     return scenario
 
@@ -181,7 +182,7 @@ def document_of(scenario: Scenario) -> dict[str, Any]:
     if thrust := problem.pop("thrust", None):
         given = {"thrust": thrust.pop("model"), **thrust}
         problem |= {name: one for name, one in given.items() if one not in (None, ())}
-    if scenario.problem.orbit is not None:  # of which the mean motion follows
+    if scenario.problem.orbit is not None:  # which determines the mean motion
         del problem["mean_motion"]
         problem["orbit"] = OrbitDocument.of(scenario.problem.orbit).model_dump()
     parts = {

@@ -25,12 +25,12 @@ from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 SEMI_MAJOR_AXIS = (100.0, 300.0)  # range of ring sizes a, m
 TILT = np.deg2rad(45.0)  # largest ring tilt either way, rad
 DENSITY_N = 30  # above this many craft the rings grow with n, so that the density stays
-REDRAWS = 2000  # tries after which a formation is said not to fit
+REDRAWS = 2000  # unsafe draws in a row after which drawing fails
 SPLITS = ("train", "valid", "test")  # their order seeds the draw
 SEEDS = 2**32  # bound of seeds, sizes and indices: each is one word of entropy
 DENSE = 1.02  # least separation of a dense formation in free drift, in collision radii
 CROWDED = 1.75  # largest half extent of a dense formation, in collision radii times √n
-BESIDE = 15  # of the most pairs that fit in memory, the part compared at once: so that caches fit
+CACHES = 15  # pairs compared at once are so many times fewer than fit in memory, to fit in caches
 
 Ends = tuple[Formation, Formation]
 Elements = Float[Array, "_ 5"]
@@ -72,7 +72,7 @@ def draw_many(
         check_whole("index", index, 0, SEEDS - 1)
     # As Python's integers, since numpy's overflow
     seed, n, which = int(seed), int(n), [(split, int(index)) for split, index in which]
-    found, portion = [], max(1, MOST_PAIRS // (BESIDE * n**2))
+    found, portion = [], max(1, MOST_PAIRS // (CACHES * n**2))
     for first in range(0, len(which), portion):
         some = which[first : first + portion]
         entropy = [[seed, n, k, SPLITS.index(split)] for split, k in some]
@@ -130,7 +130,7 @@ class _Draw:
 Draws = Sequence[_Draw]
 Make = Callable[[_Draw], Elements]
 Safe = Callable[[Formations, Problem], Bool[Array, "b"]]
-Problems = tuple[Problem, Problem]  # with the reference where it is at the first and the last node
+Problems = tuple[Problem, Problem]  # with the reference orbit as at the first and last node
 
 
 def _ring(
@@ -149,7 +149,7 @@ def _states(elements: Sequence[Elements], problem: Problem) -> Formations:
 
 
 def _safe(states: Formations, problem: Problem, added: CraftMask | None = None) -> Bool[Array, "b"]:
-    """Whether pairs, or those of added craft, stay further apart than r_col in free drift."""
+    """Whether all pairs, or all pairs of added craft, stay beyond r_col in free drift."""
     n, radius = states.shape[1], problem.collision_radius
     # Most unsafe draws are, from the start; the rest takes longer to see.
     safe = node_collisions(states[:, :, None], radius) == 0
@@ -163,10 +163,10 @@ def _safe(states: Formations, problem: Problem, added: CraftMask | None = None) 
     return safe
 
 
-def _redrawn(
+def _first_safe(
     count: int, make: Callable[[list[int]], Formations], safe: Callable[[Formations], CraftMask]
 ) -> Formations:
-    """The first formation of each draw that is safe; ``make`` draws those of some of them."""
+    """The first safe formation of each draw; ``make`` draws one for each of the given indices."""
     found: dict[int, Formation] = {}
     for _ in range(REDRAWS):
         left = [k for k in range(count) if k not in found]
@@ -194,7 +194,7 @@ def _both_ends(
         def make(left: list[int]) -> Formations:
             return states([elements(draws[k]) for k in left], problem)
 
-        return _redrawn(len(draws), make, lambda states: safe(states, problem))
+        return _first_safe(len(draws), make, lambda states: safe(states, problem))
 
     start, end = map(formations, (initial, goal), problems)
     return [(start[k], draw.rng.permutation(end[k])) for k, draw in enumerate(draws)]
@@ -262,7 +262,7 @@ def _independent(draws: Draws, problems: Problems) -> list[Ends]:
         tilt, phase = rng.uniform(-TILT, TILT), np.array([draw.angle()])
         return _ring(a, tilt, phase, draw.angle(), offset)
 
-    def with_one(states: Formations, problem: Problem, left: list[int]) -> Formations:
+    def with_next(states: Formations, problem: Problem, left: list[int]) -> Formations:
         return np.hstack([states[left], _states([craft(draws[k]) for k in left], problem)])
 
     def formations(problem: Problem) -> Formations:
@@ -270,7 +270,7 @@ def _independent(draws: Draws, problems: Problems) -> list[Ends]:
         while (placed := states.shape[1]) < draws[0].n:
             added = np.arange(placed + 1) == placed
             safe = partial(_safe, problem=problem, added=added)
-            states = _redrawn(len(draws), partial(with_one, states, problem), safe)
+            states = _first_safe(len(draws), partial(with_next, states, problem), safe)
         return states
 
     return [*zip(*map(formations, problems), strict=True)]
@@ -293,13 +293,13 @@ def _rotation(draws: Draws, problems: Problems) -> list[Ends]:
         fine[fine] = _safe(both[fine, n:], problems[1])
         return fine
 
-    def turned(draw: _Draw, goal: Formation) -> Formation:
+    def permuted(draw: _Draw, goal: Formation) -> Formation:
         if draw.rng.random() < 0.5:
             return np.roll(goal, int(draw.rng.integers(1, max(n, 2))), axis=0)
         return goal[::-1].copy()
 
-    found = _redrawn(len(draws), ends, safe)
-    return [(one[:n], turned(draw, one[n:])) for draw, one in zip(draws, found, strict=True)]
+    found = _first_safe(len(draws), ends, safe)
+    return [(both[:n], permuted(draw, both[n:])) for draw, both in zip(draws, found, strict=True)]
 
 
 # Whose docstrings dataset cards show

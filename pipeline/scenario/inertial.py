@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.documents import MOST_BYTES, parsed
-from pipeline.errors import InputError, told_where
+from pipeline.documents import MOST_BYTES, parse_json
+from pipeline.errors import InputError, error_context
 from pipeline.files import read_bytes
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
@@ -26,7 +26,7 @@ from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 from pipeline.scenario.validation import drifts
 from pipeline.text import visible
 
-EXACT = 1e-6  # m, and in m/s a thousandth of it: most that states turned back may be off
+EXACT = 1e-6  # largest error of states turned to LVLH and back, m; of velocities 1e-9 m/s
 METRES = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
 KILOMETRES = ("x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
 ELEMENTS = (
@@ -37,16 +37,16 @@ ELEMENTS = (
     "argument_of_perigee_deg",
     "argument_of_latitude_deg",
 )
-LABEL = "craft"  # a column that may be there and is not read
+LABEL = "craft"  # an optional column, which is not read
 COLUMNS = " or ".join(",".join(columns) for columns in (METRES, KILOMETRES, ELEMENTS))
 WHAT = "a folder of OEM files, one of these, or a table (CSV or JSON) of states or elements"
-MORE = "..."  # for values beyond the columns
+MORE = "..."  # key of values beyond the columns
 TABLE_FRAME = "EME2000"
 
 
 @dataclass(frozen=True, eq=False)
 class Inertial:
-    """Inertial states of some craft: of ephemerides at any time, of a table at one."""
+    """Inertial states of some craft: ephemerides over time, or a table for one time."""
 
     name: str  # of the file or folder
     frame: str
@@ -58,7 +58,7 @@ class Inertial:
         return max(one.start for one in self.craft) if isinstance(self.craft, tuple) else None
 
     def states(self, epoch: datetime | None, seconds: float) -> Formation:
-        """States so many seconds after an epoch, m and m/s; those of a table whenever that is."""
+        """States so many seconds after an epoch, m and m/s; those of a table at any time."""
         if not isinstance(self.craft, tuple):
             found = self.craft
         elif epoch is None:
@@ -157,7 +157,7 @@ def _number(text: Any) -> Any:
 
 def _json_rows(text: str, name: str) -> list[dict[str, Any]]:
     try:
-        rows = parsed(text.encode())
+        rows = parse_json(text.encode())
     except ValueError as error:
         raise InputError(f"{name} is not JSON: {error}; expected {WHAT}.") from error
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -177,7 +177,7 @@ def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Float[
             raise InputError(f"{where} has {column} {shown}; expected a number.")
     numbers = np.array([row[column] for column in columns], dtype=float)
     if columns == ELEMENTS:
-        with told_where(where):
+        with error_context(where):
             orbit = ReferenceOrbit(*numbers.tolist())
         return np.asarray(orbit.states(np.zeros(1))[0])
     return 1e3 * numbers if columns == KILOMETRES else numbers
@@ -197,13 +197,13 @@ def scenario_from_inertial(
     """The scenario of inertial states at the first node and at the last.
 
     The reference orbit has the osculating elements of the chief at the first node, or those of the
-    mean of the craft's states there, and is flown to the last node under the forces. It replaces
-    the orbit of the problem.
+    mean of the craft's states there, and is integrated to the last node. It replaces the orbit of
+    the problem.
 
     The epoch of the first node, UTC, is by default the first at which all ephemerides of initial
-    states and chief have a state. ``ballistic`` is the mean C_D A/m of the swarm, m²/kg; by the
-    share ``spread`` of it the first craft has less, and the last more. InputError where states are
-    missing, in several frames, or not near the reference orbit.
+    states and chief have a state. ``ballistic`` is the mean C_D A/m of the swarm, m²/kg, and
+    ``spread`` its relative spread: the first craft has less, the last more. InputError where
+    states are missing, in several frames, or not near the reference orbit.
     """
     given = [one for one in (initial, chief, goal) if one is not None]
     check_frames(given)
@@ -213,8 +213,8 @@ def scenario_from_inertial(
     chiefs = first if chief is None else chief.states(epoch, 0.0)
     if chief is not None and len(chiefs) != 1:
         raise InputError(f"{chief.name} has {len(chiefs)} craft; expected one, the chief.")
-    middle = chiefs.mean(axis=0)
-    orbit = ReferenceOrbit.through(middle, j2=j2, ballistic=ballistic, spread=spread)
+    mean = chiefs.mean(axis=0)
+    orbit = ReferenceOrbit.through(mean, j2=j2, ballistic=ballistic, spread=spread)
     problem = problem.about(orbit)
     start, end = _relative(first, orbit, 0.0), _relative(last, orbit, problem.duration)
     angles = (getattr(orbit, name) for name in ANGLES)

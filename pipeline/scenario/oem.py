@@ -15,12 +15,12 @@ from pipeline.text import visible
 
 FIRST_LINE = "CCSDS_OEM_VERS"
 VERSIONS = ("1.0", "2.0", "3.0")  # which differ in what is not read here
-# Frames that differ by a constant turn of 0.02 arc seconds, which relative motion does not see
+# Frames that differ by a constant rotation of 0.02 arc seconds, which relative motion cancels
 FRAMES = ("EME2000", "ICRF", "GCRF")
 METHODS = ("LINEAR", "LAGRANGE", "HERMITE")
 HIGHEST_DEGREE = 25  # of interpolation; through equally spaced states a higher one loses digits
 LARGEST = 1e15  # number in a file, in any unit: beyond it something is wrong
-SAME = 1e-6  # s: a state so near is that of the time asked for, moved by its own velocity
+SAME = 1e-6  # s; a state so near in time is propagated, and none is interpolated
 _EPOCH = re.compile(r"(\d{4}-(?:\d\d-\d\d|\d{3})T\d\d:\d\d:\d\d)(\.\d+)?Z?")
 _COVARIANCE = re.compile(r"^COVARIANCE_START$.*?^COVARIANCE_STOP$", re.DOTALL | re.MULTILINE)
 
@@ -44,18 +44,18 @@ class Segment:
     base: datetime  # that times are counted from
     times: Float[Array, "q"]  # ascending, s
     states: Float[Array, "q 6"]  # m and m/s
-    window: tuple[float, float]  # times in which states may be asked for
+    window: tuple[float, float]  # first and last time at which states may be used
     method: str | None  # of METHODS, or None where the file states none
     degree: int
 
     def state(self, time: float) -> Float[Array, "6"] | None:
-        """The state at a time, s since the base, or None where the states do not give it."""
+        """The state at a time, s since the base, or None where it cannot be interpolated."""
         near = int(np.abs(self.times - time).argmin())
         off = time - self.times[near]
         if abs(off) <= SAME:
             state = self.states[near]
-            pull = point_mass(state[:3])
-            return state + off * np.concatenate([state[3:] + off / 2 * pull, pull])
+            gravity = point_mass(state[:3])
+            return state + off * np.concatenate([state[3:] + off / 2 * gravity, gravity])
         points = (self.degree + 2) // 2 if self.method == "HERMITE" else self.degree + 1
         if self.method is None or len(self.times) < points:
             return None
@@ -89,7 +89,7 @@ class Ephemeris:
 
     def state_at(self, epoch: datetime, seconds: float) -> Float[Array, "6"]:
         """The state so many seconds after an epoch, m and m/s; InputError where there is none."""
-        asked = f"{(epoch + timedelta(seconds=seconds)):%Y-%m-%dT%H:%M:%S.%fZ}"
+        when = f"{(epoch + timedelta(seconds=seconds)):%Y-%m-%dT%H:%M:%S.%fZ}"
         for segment in self.segments:
             time = (epoch - segment.base).total_seconds() + seconds
             begin, end = segment.window
@@ -97,21 +97,21 @@ class Ephemeris:
                 continue
             if (state := segment.state(time)) is None:
                 raise InputError(
-                    f"{self.name} has no state at {asked} and no INTERPOLATION with states enough "
+                    f"{self.name} has no state at {when} and no INTERPOLATION with enough states "
                     "for its degree; expected either."
                 )
             return state
         stop = max(one.base + timedelta(seconds=one.window[1]) for one in self.segments)
         raise InputError(
             f"{self.name} has states from {self.start:%Y-%m-%dT%H:%M:%S.%fZ} to "
-            f"{stop:%Y-%m-%dT%H:%M:%S.%fZ}; expected one at {asked}."
+            f"{stop:%Y-%m-%dT%H:%M:%S.%fZ}; expected one at {when}."
         )
 
 
 def ephemeris_from(text: str, name: str) -> Ephemeris:
-    """The ephemeris of the text of a file; InputError, with its name, for what is not understood.
+    """The ephemeris in a file's text; InputError, with its name, for what is not understood.
 
-    States are in km and km/s there. Comments, accelerations and covariances are passed over.
+    States are in km and km/s there. Comments, accelerations and covariances are ignored.
     """
     lines = (line.strip() for line in text.splitlines())
     kept = "\n".join(line for line in lines if line and not line.startswith("COMMENT"))
@@ -122,7 +122,7 @@ def ephemeris_from(text: str, name: str) -> Ephemeris:
         for keyword in ("OBJECT_ID", "REF_FRAME"):
             values = {meta.get(keyword) for meta in metas}
             if len(values) != 1:
-                raise InputError(f"has {len(values)} of {keyword}; expected segments of one")
+                raise InputError(f"has {len(values)} values of {keyword}; expected one")
     except InputError as error:
         raise InputError(f"{name} {error}.") from error
     return Ephemeris(name, metas[0]["REF_FRAME"], segments)
@@ -207,7 +207,7 @@ def _row(line: str) -> tuple[Epoch, list[float]]:
 
 
 def _epoch(text: str) -> Epoch:
-    """A calendar date or the day of a year, and the time."""
+    """The epoch of a text: a calendar date or the day of a year, and the time."""
     found = _EPOCH.fullmatch(text)
     try:
         if found is None:

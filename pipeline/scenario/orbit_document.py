@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from pipeline.errors import InputError, told_where
+from pipeline.errors import InputError, error_context
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.scenario.fields import Number, Positive, Strict, utc
 
@@ -37,10 +37,10 @@ class OrbitDocument(Strict):
     """
 
     semi_major_axis: Positive = Field(description="Semi-major axis, m.")
-    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Osculating.")
+    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Eccentricity.")
     inclination_deg: Number = Field(0.0, ge=0, le=180, description="Inclination, deg.")
     raan_deg: Number = Field(0.0, description="Right ascension of the ascending node, deg.")
-    argument_of_perigee_deg: Number = Field(0.0, description="From the ascending node, deg.")
+    argument_of_perigee_deg: Number = Field(0.0, description="Argument of perigee, deg.")
     argument_of_latitude_deg: Number = Field(
         0.0, description="From the ascending node to the LVLH frame's origin, deg."
     )
@@ -49,7 +49,7 @@ class OrbitDocument(Strict):
         None, description="Mean C_D A/m of the swarm, m²/kg; null for no drag."
     )
     spread: Number = Field(
-        0.0, description="Share of it by which the first craft has less, and the last more."
+        0.0, description="Relative spread of C_D A/m: first craft less, last more than the mean."
     )
 
     @classmethod
@@ -64,5 +64,5 @@ class OrbitDocument(Strict):
 
     def orbit(self) -> ReferenceOrbit:
         """The orbit."""
-        with told_where("orbit"):
+        with error_context("orbit"):
             return ReferenceOrbit(**self.model_dump())

@@ -43,14 +43,12 @@ class RingDocument(
     craft: Annotated[int, Field(ge=1, le=MOST_CRAFT), BeforeValidator(number)] | None = Field(
         None, description="Number of craft, equally spaced in phase."
     )
-    first_phase_deg: Number = Field(
-        0.0, description="Phase θ of the first of them at the end's time, deg."
-    )
+    first_phase_deg: Number = Field(0.0, description="Phase θ of the first craft at this end, deg.")
     phases_deg: Annotated[list[Number], Field(min_length=1, max_length=MOST_CRAFT)] | None = Field(
-        None, description="Instead of both: phase θ of each craft, deg."
+        None, description="Instead of these: phase θ of each craft, deg."
     )
     size: Positive = Field(
-        description="Semi-major axis: half the ring's along-track extent, its radial one, m."
+        description="Semi-major axis: half the ring's along-track extent, or its radial extent, m."
     )
     tilt_deg: Number = Field(
         0.0,
@@ -91,7 +89,9 @@ class RingDocument(
 class RingsDocument(Strict):
     """Craft on one ring or several, numbered ring after ring."""
 
-    rings: list[RingDocument] = Field(min_length=1, description="Rings, whose craft follow on.")
+    rings: list[RingDocument] = Field(
+        min_length=1, description="Rings, whose craft are numbered one ring after the other."
+    )
 
     @model_validator(mode="after")
     def _not_too_many(self) -> "RingsDocument":
@@ -138,20 +138,20 @@ def end_states(end: list[list[float]] | RingsDocument, problem: Problem) -> Form
 class SpacecraftDocument(Strict):
     """One craft, as far as it is not like the others."""
 
-    name: str = Field("", description="In files for simulators.")
-    mass: Positive | None = Field(None, description="With propellant, at the first node, kg.")
+    name: str = Field("", description="Name in files for simulators.")
+    mass: Positive | None = Field(None, description="Mass with propellant at the first node, kg.")
     max_acceleration: Positive | None = Field(
         None, description="Its own limit on each component of the control, or thruster, m/s²."
     )
     max_acceleration_norm: Positive | None = Field(
         None, description="Its own limit on the norm of the control, m/s²."
     )
-    delta_v: Positive | None = Field(None, description="What it may burn in all, m/s.")
+    delta_v: Positive | None = Field(None, description="Total Δv that it may burn, m/s.")
     no_burn: NoBurn = ()
     radius: Positive | None = Field(
         None,
-        description="Of the sphere that it takes up, m; null for half of collision_radius. Two "
-        "craft must be further apart than both radii.",
+        description="Radius of the sphere that it takes up, m; null for half of collision_radius. "
+        "Two craft must be further apart than the sum of their radii.",
     )
 
     def craft(self) -> Spacecraft:
@@ -168,18 +168,20 @@ class ObstacleDocument(
         ]
     },
 ):
-    """What craft keep clear of and no plan moves: a chief, a target, debris, a dead craft."""
+    """A body that craft keep clear of and no plan moves: a chief, a target, debris."""
 
-    name: str = Field(min_length=1, description="What messages and certificates call it.")
+    name: str = Field(min_length=1, description="Name in messages and certificates.")
     state: State | None = Field(
-        None, description="At the first node, LVLH, m and m/s, of one that drifts."
+        None, description="LVLH state at the first node, m and m/s; from there it drifts."
     )
     position: Triple | None = Field(
-        None, description="Instead: where it is held, LVLH, m; about a circle, or at the origin."
+        None,
+        description="Instead: LVLH position where it is held, m; the origin unless about a circle.",
     )
-    radius: Positive | None = Field(None, description="Of the sphere that it takes up, m.")
+    radius: Positive | None = Field(None, description="Radius of the sphere that it takes up, m.")
     semi_axes: tuple[Positive, Positive, Positive] | None = Field(
-        None, description="Instead: of the ellipsoid along x, y, z that no part of a craft enters."
+        None,
+        description="Instead: semi-axes along x, y, z, m, of an ellipsoid that no craft enters.",
     )
 
     @model_validator(mode="after")
@@ -215,16 +217,16 @@ class BoxDocument(Strict):
 class ConeDocument(Strict):
     """An approach cone."""
 
-    apex: Triple = Field(description="LVLH, m.")
+    apex: Triple = Field(description="Apex, LVLH, m.")
     axis: Triple = Field(description="Direction in which it opens, LVLH, of any length.")
-    half_angle_deg: Positive = Field(le=STEEPEST, description="Between axis and edge, deg.")
+    half_angle_deg: Positive = Field(le=STEEPEST, description="Angle between axis and edge, deg.")
 
 
 class CorridorDocument(Strict, json_schema_extra=one_of(box="object", cone="object")):
     """A corridor: a box or an approach cone that craft must stay inside of for some time."""
 
     craft: tuple[Whole, ...] | None = Field(
-        None, description="Their numbers; null for all.", json_schema_extra={"minItems": 1}
+        None, description="Numbers of the craft; null for all.", json_schema_extra={"minItems": 1}
     )
     begin: Number = Field(alias="from", description="From when on, s since the first node.")
     end: Number = Field(alias="to", description="Until when, s since the first node.")
@@ -284,12 +286,14 @@ class WaypointDocument(
         None, description="Number of the craft."
     )
     position: Triple | None = Field(None, description="Where it must be, LVLH, m.")
-    velocity: Triple | None = Field(None, description="LVLH, m/s; null for any.")
+    velocity: Triple | None = Field(None, description="Velocity there, LVLH, m/s; null for any.")
     formation: End | None = Field(
         None, description="Instead of these: where each craft must be, as at the ends."
     )
     time: Positive | None = Field(
-        None, le=LATEST, description="Of the node, s since the first; null for that of least fuel."
+        None,
+        le=LATEST,
+        description="Time of its node, s since the first; null for that of least fuel.",
     )
 
     @model_validator(mode="after")

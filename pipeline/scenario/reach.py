@@ -10,9 +10,9 @@ from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import craft_fuel_bound, minimum_limits, minimum_limits_at_nodes
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
-from pipeline.scenario.arrivals import Arrivals, arrivals_of
 from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.state_constraints import StateConstraints, state_constraints
 from pipeline.scenario.waypoint import of_craft
 
 REACHABLE = "within reach"  # the rule
@@ -36,13 +36,13 @@ def reachable(scenario: Scenario) -> Diagnostic:
     limits = scenario.limits
     if limits is None:
         return _within_max_acceleration(scenario)
-    at = _arrivals(scenario)
+    at = _constraints(scenario)
     needs = _needs(scenario, limits, at)
     found = list(_faults(scenario, limits, needs, at))
     cases = [case for case, _ in found]
     cure = "; or ".join(dict.fromkeys(cure for _, cure in found))
     wrong = "limits of thrust or Δv that are too low"
-    fine = "" if cases else _most_strained(needs)
+    fine = "" if cases else _closest_to_limits(needs)
     return diagnostic_of(REACHABLE, "transfer", cases, wrong, cure, fine)
 
 
@@ -61,11 +61,11 @@ def _within_max_acceleration(scenario: Scenario) -> Diagnostic:
     short = np.flatnonzero((least > limit * (1 + LIMIT_ROUNDING)) | np.isinf(least))
     cure = f"raise max_acceleration, or {TIME}" if np.isfinite(least[short]).any() else TIME
     worst = short[least[short].argsort(kind="stable")[::-1]].tolist()
-    cases = [_out_of_reach(k, float(least[k]), limit) for k in worst]
+    cases = [_too_little_thrust(k, float(least[k]), limit) for k in worst]
     return diagnostic_of(REACHABLE, "transfer", cases, wrong, cure, fine)
 
 
-def _out_of_reach(k: int, least: float, limit: float) -> Case:
+def _too_little_thrust(k: int, least: float, limit: float) -> Case:
     """The fault of a craft that needs a higher thrust limit, rounded up to four digits."""
     if not np.isfinite(least):
         return Case((k,), f"craft {k} cannot reach its goal, however large its thrust")
@@ -76,20 +76,20 @@ def _out_of_reach(k: int, least: float, limit: float) -> Case:
     return Case((k,), text, {"least_limit": least * (1 + LIMIT_ROUNDING)})
 
 
-def _arrivals(scenario: Scenario) -> Arrivals:
+def _constraints(scenario: Scenario) -> StateConstraints:
     """Required states of each craft: goals, and waypoints where they have a time."""
     problem, timed = scenario.problem, [one for one in scenario.waypoints if one.time is not None]
     passed = {
         craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
         for craft, some in of_craft(timed).items()
     }
-    return arrivals_of(scenario.initial, scenario.goal, problem, passed)
+    return state_constraints(scenario.initial, scenario.goal, problem, passed)
 
 
-def _needs(scenario: Scenario, limits: Limits, at: Arrivals) -> list[Need]:
+def _needs(scenario: Scenario, limits: Limits, at: StateConstraints) -> list[Need]:
     """Least limits and least Δv of each craft, without regard to other craft and impulse bits."""
     problem = scenario.problem
-    reach, open_ = at.reach * at.asked[..., None], np.asarray(limits.burns.any(axis=2))
+    reach, open_ = at.reach * at.constrained[..., None], np.asarray(limits.burns.any(axis=2))
     limit = minimum_limits_at_nodes(at.miss, reach, open_, problem)
     norm = limit
     if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
@@ -107,15 +107,15 @@ def _needs(scenario: Scenario, limits: Limits, at: Arrivals) -> list[Need]:
 
 
 def _faults(
-    scenario: Scenario, limits: Limits, needs: Sequence[Need], at: Arrivals
+    scenario: Scenario, limits: Limits, needs: Sequence[Need], at: StateConstraints
 ) -> Iterator[Fault]:
     """The first limit of each craft that is too low, and smallest burns that no limit allows."""
     for k in range(scenario.n):
         limit = needs[0].needed[k]
         if np.isinf(limit):
-            yield _no_way(k, limits, scenario, at)
+            yield _unreachable(k, limits, scenario, at)
             continue
-        if limit > 0 and (found := _no_burn_large_enough(k, limits, scenario.problem)):
+        if limit > 0 and (found := _burns_too_small(k, limits, scenario.problem)):
             yield found
         for need in needs:
             least, most, unit = float(need.needed[k]), need.limit[k], need.unit
@@ -129,23 +129,23 @@ def _faults(
                 break
 
 
-def _no_way(k: int, limits: Limits, scenario: Scenario, at: Arrivals) -> Fault:
+def _unreachable(k: int, limits: Limits, scenario: Scenario, at: StateConstraints) -> Fault:
     """The fault of a craft that cannot reach its goal, however large its thrust."""
-    may, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
+    allowed, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
     way = " by its waypoints" if k in of_craft(scenario.waypoints) else ""
-    if may == problem.intervals:
+    if allowed == problem.intervals:
         text = f"craft {k} cannot reach its goal{way}, however large its thrust"
         return Case((k,), text), TIME
     miss, drift = at.missed_by_drift(k)
     text = (
-        f"craft {k} may burn in {may} of {problem.intervals} intervals, too few to reach its "
+        f"craft {k} may burn in {allowed} of {problem.intervals} intervals, too few to reach its "
         f"goal{way} with any thrust; {drift}"
     )
-    case = Case((k,), text, {"may_burn": float(may), "drift_miss": miss})
+    case = Case((k,), text, {"may_burn": float(allowed), "drift_miss": miss})
     return case, f"leave more time to burn by no_burn, or {TIME}"
 
 
-def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Fault | None:
+def _burns_too_small(k: int, limits: Limits, problem: Problem) -> Fault | None:
     """The fault of a craft that can make no burn as large as the smallest impulse bit."""
     thrust, most = problem.thrust, [limits.component[k], limits.norm[k]]
     if thrust.min_delta_v is None:
@@ -164,18 +164,18 @@ def _no_burn_large_enough(k: int, limits: Limits, problem: Problem) -> Fault | N
     return case, "lower min_delta_v, or raise the limits of thrust"
 
 
-def _most_strained(needs: Sequence[Need]) -> str:
+def _closest_to_limits(needs: Sequence[Need]) -> str:
     """For each kind of limit, the craft that needs the largest share of it, in words."""
-    said = []
+    texts = []
     for need in needs:
         share = np.where(np.isfinite(need.limit), need.needed / need.limit, 0.0)
         if np.isfinite(need.limit).any():
             k = int(share.argmax())
-            said.append(f"craft {k} needs at least {share[k]:.0%} of its {need.name}")
+            texts.append(f"craft {k} needs at least {share[k]:.0%} of its {need.name}")
     limit = needs[0].needed
     k = int(limit.argmax())
     none = f"no limit of thrust; craft {k} needs the most, {limit[k]:.4g} m/s²"
-    return "; ".join(said) or none
+    return "; ".join(texts) or none
 
 
 def _down(value: float) -> str:

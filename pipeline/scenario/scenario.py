@@ -158,7 +158,7 @@ class Scenario:
         return f"craft {i} and {other}"
 
     def wanted(self, i: int, j: int) -> str:
-        """The sizes that two participants must keep apart by, in words."""
+        """The collision radius, or sizes, that two participants must keep apart by, in words."""
         if not self.sized:
             return f"collision_radius is {self.problem.collision_radius:g} m"
         own = f"craft {i} has a radius of {self.radii[i]:g} m"

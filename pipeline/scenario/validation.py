@@ -20,7 +20,7 @@ from pipeline.scenario.reach import reachable
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import closest_pair
 
-FASTER = 1e-3  # m/s; change of vy for the derivative of the drift
+VY_STEP = 1e-3  # m/s; change of vy for the derivative of the drift
 ENERGY_TOLERANCE = 1e-5  # of |ẏ + 2e x|, m/s: about 0.2 m of drift an orbit
 APART, MATCHED, INSIDE = "craft apart", "energy-matched", "inside corridors"
 PASSIVE, LINEAR = "passively safe", "linear model"
@@ -35,14 +35,15 @@ DRIFTING = (
 def diagnostics(scenario: Scenario) -> list[Diagnostic]:
     """The outcome of every rule: all that is wrong with a scenario, and what is fine."""
     check_kind("scenario", scenario, Scenario)
-    matched = partial(_matched, meant=scenario.ends == "any")
-    rules = (partial(_apart, scenario), matched, partial(_passive, scenario))
+    matched = partial(_energy_matching, meant=scenario.ends == "any")
+    rules = (partial(_separation, scenario), matched, partial(_passive_safety, scenario))
     found = [rule(*end) for end in _ends(scenario) for rule in rules]
-    inside = [_inside(scenario)] if scenario.corridors else []
-    return [*found, *inside, *_waypoints(scenario), reachable(scenario), _linear(scenario)]
+    inside = [_inside_corridors(scenario)] if scenario.corridors else []
+    on_the_way = [*_waypoint_separation(scenario), reachable(scenario), _linear_model(scenario)]
+    return [*found, *inside, *on_the_way]
 
 
-def _inside(scenario: Scenario) -> Diagnostic:
+def _inside_corridors(scenario: Scenario) -> Diagnostic:
     """Whether craft are inside their corridors at both ends, where they have to be."""
     cases = [
         Case(
@@ -60,7 +61,7 @@ def _inside(scenario: Scenario) -> Diagnostic:
 
 
 def _ends(scenario: Scenario) -> Iterator[tuple[str, Formation, Problem]]:
-    """Name and states of both ends, and the problem with its reference where it is then."""
+    """Name and states of each end, and the problem with its reference orbit at that time."""
     problem = scenario.problem
     yield "initial", scenario.initial, problem
     yield "goal", scenario.goal, problem.starting_at(problem.intervals)
@@ -76,18 +77,18 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     check_kind("allow_drift", allow_drift, bool)
     allow_drift = allow_drift or scenario.ends == "any"
     for end, states, problem in _ends(scenario):
-        close = _apart(scenario, end, states, problem)
+        close = _separation(scenario, end, states, problem)
         for case in close.cases:
-            wanted = f"collision_radius, {problem.collision_radius:g} m"
+            required = f"collision_radius, {problem.collision_radius:g} m"
             if scenario.sized:
-                wanted = f"their sizes: {scenario.wanted(*case.craft)}"
+                required = f"their sizes: {scenario.wanted(*case.craft)}"
             raise InputError(
-                f"{case.text}; expected every pair further apart than {wanted}: {close.cure}."
+                f"{case.text}; expected every pair further apart than {required}: {close.cure}."
             )
-        for case in () if allow_drift else _matched(end, states, problem).cases:
+        for case in () if allow_drift else _energy_matching(end, states, problem).cases:
             within = f"{ENERGY_TOLERANCE:g} m/s"
             if problem.orbit is not None:
-                within = f"{_most_drift(problem):.2g} m"
+                within = f"{_drift_tolerance(problem):.2g} m"
             raise InputError(
                 f"{case.text}; expected 0 within {within} (energy matching): "
                 f"set vy to {case.numbers['vy_wanted']:.9g}, or {DRIFTING}."
@@ -96,15 +97,15 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
 
 def drifts(scenario: Scenario) -> bool:
     """Whether a craft drifts at either end by more than energy matching allows."""
-    return not all(_matched(*end).fine for end in _ends(scenario))
+    return not all(_energy_matching(*end).fine for end in _ends(scenario))
 
 
-def _most_drift(problem: Problem) -> float:
+def _drift_tolerance(problem: Problem) -> float:
     """Along-track drift in an orbit that goes with the tolerance, m."""
     return 6 * np.pi / problem.mean_motion * ENERGY_TOLERANCE
 
 
-def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
+def _swarm_at(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
     """Craft and obstacles as they are at an end, for motion from there on."""
     if not scenario.sized:
         return swarm_partition((scenario.n,))
@@ -115,49 +116,52 @@ def _beside(scenario: Scenario, end: str, problem: Problem) -> SwarmPartition:
     return Participants(problem, [scenario.radii], [obstacles])
 
 
-def _within(scenario: Scenario) -> str:
-    """The distance within which a pair is too close, in words."""
+def _required_separation(scenario: Scenario) -> str:
+    """The separation that pairs must exceed, in words."""
     radius = scenario.problem.collision_radius
     return "what their sizes ask for" if scenario.sized else f"collision_radius, {radius:g} m"
 
 
-def _smaller(scenario: Scenario) -> str:
-    """What would allow participants to be so close, in words."""
+def _size_remedy(scenario: Scenario) -> str:
+    """What to do to sizes where participants are too close, in words."""
     return "make them smaller" if scenario.sized else "lower collision_radius"
 
 
-def _apart(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
+def _separation(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
     """Whether every pair is further apart than the collision radius at this end."""
-    swarms = _beside(scenario, end, problem)
+    swarms = _swarm_at(scenario, end, problem)
     there, (i, j) = swarms.all_states(states[:, None], slice(0, 1))[..., :3], swarms.pairs
     distance = np.linalg.norm(there[i, 0] - there[j, 0], axis=1)
-    apart = swarms.separations(there, there, i, j)
-    close = np.flatnonzero(apart <= problem.collision_radius)
+    separations = swarms.separations(there, there, i, j)
+    close = np.flatnonzero(separations <= problem.collision_radius)
     cases = [
         Case(
             (int(i[k]), int(j[k])),
-            f"{_at(scenario, end, int(i[k]), int(j[k]))} are {distance[k]:.6g} m apart",
+            f"{_pair_at(scenario, end, int(i[k]), int(j[k]))} are {distance[k]:.6g} m apart",
             {"distance": float(distance[k])},
         )
         for k in close[distance[close].argsort(kind="stable")]
     ]
-    wrong, cure = f"pairs within {_within(scenario)}", f"move one of them or {_smaller(scenario)}"
+    wrong = f"pairs within {_required_separation(scenario)}"
+    cure = f"move one of them or {_size_remedy(scenario)}"
     fine = "one craft alone"
     if len(distance) > 0:
-        k = int(apart.argmin())
+        k = int(separations.argmin())
         pair = scenario.named(int(i[k]), int(j[k]))
         fine = f"the closest, {pair}, are {distance[k]:.4g} m apart"
     return diagnostic_of(APART, end, cases, wrong, cure, fine)
 
 
-def _at(scenario: Scenario, end: str, i: int, j: int) -> str:
+def _pair_at(scenario: Scenario, end: str, i: int, j: int) -> str:
     """Two participants at an end, in words."""
     other = f"{end}[{j}]" if j < scenario.n else scenario.obstacles[j - scenario.n].name
     return f"{end}[{i}] and {other}"
 
 
-def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = False) -> Diagnostic:
-    """Whether craft do not drift along-track: by Eq. 3, or about an orbit by Kepler and J2.
+def _energy_matching(
+    end: str, states: Formation, problem: Problem, *, meant: bool = False
+) -> Diagnostic:
+    """Whether no craft drifts along-track: by Eq. 3, or about an orbit by its secular rates.
 
     By Eq. 3 a craft drifts at -3 (ẏ + 2e x), over an orbit by -6π/e times the mismatch ẏ + 2e x.
     Where drift is ``meant`` it is no fault.
@@ -165,16 +169,16 @@ def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = Fal
     e, columns = problem.mean_motion, {}
     if problem.orbit is None:
         mismatch = energy_mismatch(states, e)
-        drift, wanted = -6 * np.pi / e * mismatch, 0.0 - 2 * e * states[:, 0]
+        drift, vy = -6 * np.pi / e * mismatch, 0.0 - 2 * e * states[:, 0]
         columns = {"mismatch": mismatch}
         why = [f": vy + 2·mean_motion·x is {one:.3g} m/s, and 0" for one in mismatch]
     else:
-        faster = states + FASTER * np.eye(6)[4]
-        drift, more = np.split(secular_drift(np.concatenate([states, faster]), problem), 2)
-        wanted = states[:, 4] - FASTER * drift / (more - drift)
+        shifted = states + VY_STEP * np.eye(6)[4]
+        drift, more = np.split(secular_drift(np.concatenate([states, shifted]), problem), 2)
+        vy = states[:, 4] - VY_STEP * drift / (more - drift)
         why = [", and not"] * len(states)
-    columns |= {"drift_per_orbit": drift, "vy_wanted": wanted}
-    size, allowed = np.abs(drift), _most_drift(problem)
+    columns |= {"drift_per_orbit": drift, "vy_wanted": vy}
+    size, allowed = np.abs(drift), _drift_tolerance(problem)
     if meant and size.max() > allowed:
         text = f"craft drift, as they may, by up to {size.max():.4g} m an orbit"
         return Diagnostic(MATCHED, end, text)
@@ -182,7 +186,7 @@ def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = Fal
         Case(
             (int(k),),
             f"{end}[{k}] drifts {drift[k]:+.4g} m along-track an orbit{why[k]} with a vy of "
-            f"{wanted[k]:.9g}",
+            f"{vy[k]:.9g}",
             {name: float(column[k]) for name, column in columns.items()},
         )
         for k in size.argsort(kind="stable")[::-1]
@@ -194,10 +198,12 @@ def _matched(end: str, states: Formation, problem: Problem, *, meant: bool = Fal
     return diagnostic_of(MATCHED, end, cases, wrong, cure, fine)
 
 
-def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) -> Diagnostic:
+def _passive_safety(
+    scenario: Scenario, end: str, states: Formation, problem: Problem
+) -> Diagnostic:
     """Whether every pair stays further apart than the collision radius in an orbit of drift."""
     drift, radius = free_drift(states, problem), problem.collision_radius
-    swarms = _beside(scenario, end, drift[2])
+    swarms = _swarm_at(scenario, end, drift[2])
     found = close_approaches(*drift, within=radius, swarms=swarms)
     time = found.times(drift[2])
     # Of the passes of each pair the closest, and of those that are equally close the first.
@@ -208,16 +214,17 @@ def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) 
     cases = tuple(
         Case(
             (int(found.first[k]), int(found.second[k])),
-            f"{_at(scenario, end, int(found.first[k]), int(found.second[k]))} come "
-            f"{_near(scenario, float(found.distance[k]))} at {time[k]:.0f} s, "
+            f"{_pair_at(scenario, end, int(found.first[k]), int(found.second[k]))} come "
+            f"{_approach(scenario, float(found.distance[k]))} at {time[k]:.0f} s, "
             f"{time[k] / orbit:.2f} orbits",
             {"distance": float(found.distance[k]), "time": float(time[k])},
         )
         for k in order[found.distance[order].argsort(kind="stable")]
     )
     if cases:
-        text = f"pairs within {_within(scenario)}, in an orbit of free drift: {len(cases)}"
-        return Diagnostic(PASSIVE, end, text, cases, f"change orbits or {_smaller(scenario)}")
+        within = _required_separation(scenario)
+        text = f"pairs within {within}, in an orbit of free drift: {len(cases)}"
+        return Diagnostic(PASSIVE, end, text, cases, f"change orbits or {_size_remedy(scenario)}")
     (least,) = least_separations(*drift, swarms)
     if least.pair is None:
         return Diagnostic(PASSIVE, end, "one craft alone")
@@ -232,14 +239,14 @@ def _passive(scenario: Scenario, end: str, states: Formation, problem: Problem) 
     return Diagnostic(PASSIVE, end, text)
 
 
-def _near(scenario: Scenario, distance: float) -> str:
+def _approach(scenario: Scenario, distance: float) -> str:
     """How close a pair comes, in words."""
     if scenario.sized:
         return f"{scenario.problem.collision_radius - distance:.4g} m too close"
     return f"within {distance:.4g} m"
 
 
-def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:
+def _waypoint_separation(scenario: Scenario) -> Iterator[Diagnostic]:
     """Whether craft that must pass places at one time are apart there."""
     closest = closest_pair(scenario.waypoints, scenario.problem, scenario.radii)
     if closest is None:
@@ -249,7 +256,7 @@ def _waypoints(scenario: Scenario) -> Iterator[Diagnostic]:
     if distance > scenario.radii[[i, j]].sum():
         yield Diagnostic(WAYPOINTS, "transfer", text)
         return
-    case = Case((i, j), f"that is within {_within(scenario)}", {"distance": distance})
+    case = Case((i, j), f"that is within {_required_separation(scenario)}", {"distance": distance})
     cure = "move one of them, or give them other times"
     yield Diagnostic(WAYPOINTS, "transfer", text, (case,), cure)
 
@@ -261,7 +268,7 @@ def linear_error(states: AnyState, problem: Problem) -> ModelError:
     return found if problem.orbit is None else replace(found, oblateness=0.0)
 
 
-def _linear(scenario: Scenario) -> Diagnostic:
+def _linear_model(scenario: Scenario) -> Diagnostic:
     """Whether the linear model is off by less than the collision radius."""
     problem = scenario.problem
     ends = np.concatenate([scenario.initial, scenario.goal])

@@ -77,7 +77,7 @@ def check_waypoints(waypoints: Sequence[Waypoint], n: int, problem: Problem) -> 
                 f"waypoints of craft {craft} are not in the order of their times; expected one "
                 "after the other: sort them."
             )
-        if len(choices_of(some, problem)) not in range(1, MOST_CHOICES + 1):
+        if len(node_choices(some, problem)) not in range(1, MOST_CHOICES + 1):
             raise InputError(
                 f"craft {craft} has {len(some)} waypoints, whose open times can be chosen in no "
                 f"way, or in more than {MOST_CHOICES}; expected fewer: give some a time."
@@ -96,14 +96,14 @@ def closest_pair(
     for k, one in enumerate(timed):
         others = k + 1 + np.flatnonzero(nodes[k + 1 :] == nodes[k])
         if len(others) > 0:
-            apart = np.linalg.norm(places[others] - places[k], axis=1)
-            least = int((apart - radii[craft[others]]).argmin())
+            distances = np.linalg.norm(places[others] - places[k], axis=1)
+            least = int((distances - radii[craft[others]]).argmin())
             other = int(craft[others[least]])
-            found.append((float(apart[least]), one.craft, other, one.time or 0.0))
+            found.append((float(distances[least]), one.craft, other, one.time or 0.0))
     return min(found, key=lambda one: one[0] - radii[one[1]] - radii[one[2]], default=None)
 
 
-def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
+def node_choices(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[int, ...]]:
     """Possible combinations of ascending nodes for the waypoints of one craft.
 
     All of them or, where there are more than MOST_CHOICES, some more than that number.
@@ -127,7 +127,7 @@ def choices_of(waypoints: Sequence[Waypoint], problem: Problem) -> list[tuple[in
     return found
 
 
-def passed_at(
+def waypoint_nodes(
     waypoints: Sequence[Waypoint], states: States, problem: Problem
 ) -> dict[int, list[tuple[int, Waypoint]]]:
     """The waypoints of each craft, each with the node at which it is passed.
@@ -136,7 +136,7 @@ def passed_at(
     """
     found = {}
     for craft, some in of_craft(waypoints).items():
-        tried = [[*zip(nodes, some, strict=True)] for nodes in choices_of(some, problem)]
+        tried = [[*zip(nodes, some, strict=True)] for nodes in node_choices(some, problem)]
         off = [
             max(far + problem.duration * fast for far, fast in each)
             for each in ([_miss(one, states[craft, k]) for k, one in way] for way in tried)
@@ -145,9 +145,11 @@ def passed_at(
     return found
 
 
-def missed(waypoints: Sequence[Waypoint], states: States, problem: Problem) -> tuple[float, float]:
-    """Largest miss of waypoints by node states, m and m/s, at the nodes of ``passed_at``."""
-    passed = passed_at(waypoints, states, problem)
+def waypoint_errors(
+    waypoints: Sequence[Waypoint], states: States, problem: Problem
+) -> tuple[float, float]:
+    """Largest miss of waypoints by node states, m and m/s, at the nodes of ``waypoint_nodes``."""
+    passed = waypoint_nodes(waypoints, states, problem)
     each = [_miss(one, states[craft, k]) for craft, some in passed.items() for k, one in some]
     position, velocity = np.max([(0.0, 0.0), *each], axis=0).tolist()
     return position, velocity

@@ -28,10 +28,10 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
     text = template("pipeline/show/page.html.jinja").render(
         name=name,
         planner=claimed.planner,
-        of=scenario,
+        scenario=scenario,
         verdict=verdict(shown, claimed.status),
         certificate=certificate_rows(shown.plan, claimed.status),
-        scenario=scenario_rows(scenario),
+        setting=scenario_rows(scenario),
         thrusters=bool(found.craft_delta_v_thrusters),
         spent=list(zip(*(map(number, some) for some in by_kind if some), strict=True)),
         planning=planner_rows(shown.plan, claimed.status),

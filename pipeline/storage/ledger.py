@@ -18,8 +18,8 @@ import pyarrow as pa
 from filelock import FileLock, Timeout
 
 from pipeline import storage
-from pipeline.documents import parsed, with_checksum, without_checksum
-from pipeline.errors import InputError, ProlearnError, told_where
+from pipeline.documents import parse_json, with_checksum, without_checksum
+from pipeline.errors import InputError, ProlearnError, error_context
 from pipeline.files import make_folder, unfinished
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
@@ -40,7 +40,7 @@ def write_checked(folder: Folder, name: str, fields: Mapping[str, Any], copy: st
 
 def read_checked(folder: Folder, name: str) -> dict[str, Any]:
     """The fields of a JSON document; OSError or ValueError where it is not as it was written."""
-    fields = parsed(folder.read(name))
+    fields = parse_json(folder.read(name))
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
     return without_checksum(fields)
@@ -267,7 +267,7 @@ def _made(make: Callable[[Task, bytes], NewShard], known: Known[Task], content: 
 
 def _read(folder: Folder, known: Known[Task]) -> bytes:
     _, name, digest = known
-    with told_where(f"{name} in {folder}"):
+    with error_context(f"{name} in {folder}"):
         return shards.verified(shards.read_content(folder, name), digest) if name else b""
 
 
@@ -367,7 +367,7 @@ def read_timed(folder: Folder) -> dict[str, str] | None:
 def _read_stamps(folder: Folder) -> dict[str, list[int | str]]:
     """The stamps of shards; none where they are missing or damaged, so that shards are read."""
     try:
-        found = parsed(folder.read(storage.STAMPS))
+        found = parse_json(folder.read(storage.STAMPS))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from pipeline.documents import parsed
+from pipeline.documents import parse_json
 from pipeline.errors import InputError
 from pipeline.storage.folder import Folder
 
@@ -92,7 +92,7 @@ def metadata_of(fields: Mapping[str, Any]) -> dict[bytes, bytes]:
 def read_metadata(table: pa.Table) -> dict[str, Any]:
     """All that decided a shard's rows, from its schema metadata; InputError where unreadable."""
     try:
-        return dict(parsed((table.schema.metadata or {})[METADATA_KEY]))
+        return dict(parse_json((table.schema.metadata or {})[METADATA_KEY]))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"its metadata cannot be read ({_first_line(error)})") from error
 

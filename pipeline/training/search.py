@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.errors import InputError, ProlearnError, told_which_extra
+from pipeline.errors import InputError, ProlearnError, missing_extra_hint
 from pipeline.files import make_folder
 from pipeline.networks.encoding import INTERIORS
 from pipeline.text import sqlite_url
@@ -40,7 +40,7 @@ def open_study(path: Path, name: str) -> Iterator["Study"]:
     installed, or the path is a folder or below a file. ProlearnError where the file fails, in the
     block too.
     """
-    with told_which_extra():
+    with missing_extra_hint():
         import optuna
     if path.is_dir():
         raise InputError(f"--storage is the folder {path}; expected Optuna's SQLite file.")

@@ -42,7 +42,11 @@ def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
     page = (tmp_path / "report" / "report.html").read_text()
     for words in ("Experiment 1", "Experiment 2", "Experiment 3", "FF1", "LSTM1", "Expert"):
         assert words in page
-    for question in ("plan safely and cheaply", "speed up the optimizer", "serve other nodes T"):
+    for question in (
+        "plan safely and cheaply",
+        "speed up the optimizer",
+        "work with other nodes T",
+    ):
         assert question in page
     # Of twenty craft some are in conflict on their own optima; the grid is not the training's.
     write_scenario(tmp_path / "s.json", draw("rings", 0, 20, 5, Problem(nodes=14, time_step=90.0)))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from pipeline.documents import parsed, read_document, with_checksum, without_checksum
+from pipeline.documents import parse_json, read_document, with_checksum, without_checksum
 from pipeline.errors import InputError
 
 
@@ -31,7 +31,7 @@ def test_what_is_no_sound_json_is_refused_in_a_sentence(tmp_path, content):
     with pytest.raises(InputError, match=r"given.json is not JSON: .+; expected numbers"):
         read_document(path, Numbers, "numbers")
     with pytest.raises(ValueError, match=r"line 1|more than 40 digits"):
-        parsed(content)
+        parse_json(content)
 
 
 def test_a_file_without_end_is_refused():
@@ -57,7 +57,7 @@ def test_a_flipped_bit_anywhere_in_a_document_is_found():
         content = bytearray(written)
         content[k // 8] ^= 1 << k % 8
         try:
-            found = without_checksum(parsed(bytes(content)))
+            found = without_checksum(parse_json(bytes(content)))
         except ValueError:
             continue
         assert found != FIELDS  # the field "checksum" has another name: an unknown field remains

@@ -13,7 +13,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
-from registry.results import Done, experiment_run, table_of
+from registry.results import Recorded, experiment_run, table_of
 from registry.training import DatasetInfo, record_training
 
 pytestmark = pytest.mark.system
@@ -54,7 +54,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_this_machine(
     same(flights(fly, workers=there), flights(fly, workers=Workers(1)))
 
 
-def same(one: Done, other: Done) -> None:
+def same(one: Recorded, other: Recorded) -> None:
     """Both runs have the same rows, but for times."""
     tables = [table_of(experiment_run(done.run_id)) for done in (one, other)]
     left, right = (table.drop(columns="seconds", errors="ignore") for table in tables)

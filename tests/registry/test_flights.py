@@ -15,14 +15,14 @@ from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
-from registry.results import Done, latest, table_of
+from registry.results import Recorded, latest, table_of
 from registry.store import FLIGHTS
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
 
 
-def fly(solved: Path, models: str | None = None, **options: Any) -> Done:
+def fly(solved: Path, models: str | None = None, **options: Any) -> Recorded:
     asked = Flights(models=models, data=str(solved), n=CRAFT, trials=1, flights=1)
     return flights(asked, workers=Workers(1), **options)
 
@@ -56,9 +56,9 @@ def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_basel
     done = fly(solved, "lstm1", progress=told)
     found = latest(FLIGHTS)
     assert found is not None
-    assert done == Done(found.run_id)
+    assert done == Recorded(found.run_id)
     assert (told.expected, told.count) == (1, 1)
-    assert fly(solved, "lstm1", resume=True) == Done(found.run_id, earlier=True)
+    assert fly(solved, "lstm1", resume=True) == Recorded(found.run_id, earlier=True)
     kept = {name: found.params[name] for name in ("n", "trials", "flights", "seed", "networks")}
     assert kept == {"n": "3", "trials": "1", "flights": "1", "seed": "0", "networks": "lstm1 tuned"}
     table = table_of(found)

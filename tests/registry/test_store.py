@@ -21,7 +21,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import list_versions, load
-from registry.store import EXPERIMENTS, TRAINING, connect, explained, opened, recorded_run
+from registry.store import EXPERIMENTS, TRAINING, connect, opened, recorded_run, store_errors
 from registry.training import DatasetInfo, record_training
 
 
@@ -73,7 +73,7 @@ def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
     here = folder.rename(folder.with_name(name))
     monkeypatch.chdir(here)
     made = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
-    assert [*here.parent.iterdir()] == [here] and connect().beside == here
+    assert [*here.parent.iterdir()] == [here] and connect().folder == here
 
     monkeypatch.chdir(here.parent)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{quote(str(here / 'mlflow.db'))}")
@@ -315,7 +315,7 @@ def test_a_deleted_experiment_is_named_with_the_command_that_restores_it(folder:
 def test_a_full_disk_is_told_as_a_failure_of_the_store() -> None:
     with (
         pytest.raises(ProlearnError, match=r"No space left on device.*space on the disk"),
-        explained("sqlite:///mlflow.db"),
+        store_errors("sqlite:///mlflow.db"),
     ):
         raise OSError(28, "No space left on device")
 

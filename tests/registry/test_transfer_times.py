@@ -20,7 +20,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
-from registry.results import Done, latest, table_of
+from registry.results import Recorded, latest, table_of
 from registry.store import TRANSFER_TIMES
 from registry.training import DatasetInfo, record_training
 
@@ -53,9 +53,9 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
     asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6,11", time_steps="60,120", trials=2)
     done = transfer_times(asked, workers=ALONE, progress=told)
     found = latest(TRANSFER_TIMES)
-    assert done == Done(found.run_id)
+    assert done == Recorded(found.run_id)
     again = transfer_times(asked, resume=True)
-    assert again == Done(found.run_id, earlier=True)
+    assert again == Recorded(found.run_id, earlier=True)
     assert (found.params["nodes"], found.params["time_steps"]) == ("6,11", "60,120")
     assert told.notes[0] == "T = 6, Δt = 240 s"
     assert len(told.notes) == 4 * 7 - 1, (

@@ -10,7 +10,7 @@ from cli.settings import WarmStarts
 from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
-from registry.results import Done, latest, table_of
+from registry.results import Recorded, latest, table_of
 from registry.store import WARMSTART
 from registry.training import DatasetInfo, record_training
 
@@ -37,7 +37,7 @@ def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
         assert found.params["optimizer"] == optimizer
         assert set(table_of(found).optimizer) == {optimizer}
         again = warmstart(replace(asked, optimizer=optimizer), resume=True)
-        assert again == Done(done.run_id, earlier=True)
+        assert again == Recorded(done.run_id, earlier=True)
     assert latest(WARMSTART).run_id == plain.run_id
     more = warmstart(replace(asked, trials=3, optimizer="plain"), resume=True)
     assert not more.earlier

@@ -1,7 +1,7 @@
 """The refiner as an architecture: its network, its recipes, and what it learns from.
 
-It learns without plans: the loss is fuel over the lower bound and what encounters lack of the
-collision radius, in the iterates of every round, later ones weighing more. Swarms of ten craft
+It learns without plans: the loss is fuel over the lower bound with a penalty on encounters
+that are too close, in the iterates of every round, later ones weighing more. Swarms of ten craft
 become as crowded as larger ones by raising the collision radius as far as both formations allow: in
 units of r_col nothing else of a swarm matters.
 """

@@ -111,9 +111,9 @@ def test_the_families_differ_where_they_do_beyond_the_spread_of_their_trainings(
 
 def test_with_one_training_nothing_is_confirmed(rows):
     (answer,) = family_findings(families(rows, (4,), (9,)))
-    assert answer.verdict == "Open: one training of some, points to yes"
+    assert answer.verdict == "Open: only one training of some; points to yes"
     (answer,) = family_findings(families(rows, (9,), (4,)))
-    assert answer.verdict == "Open: one training of some, points to no"
+    assert answer.verdict == "Open: only one training of some; points to no"
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_with_one_training_nothing_is_confirmed(rows):
         ((9, 11), (4, 6), "Confirmed"),
         ((9, 11), (20, 22), "Contradicted"),
         ((9, 11), (4, 10), "Open: within the spread"),  # 7 ± 4.2 against 10 ± 1.4
-        ((4,), (9,), "Open: one training of some, points to no"),
+        ((4,), (9,), "Open: only one training of some; points to no"),
     ],
 )
 def test_lstms_burn_less_where_they_do_beyond_the_spread_of_their_trainings(

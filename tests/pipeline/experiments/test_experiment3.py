@@ -168,7 +168,7 @@ def warmstarts(plain, expert):
 def test_the_third_claim_is_answered_for_both_optimizers_in_one_row():
     (answer,) = seed_findings(warmstarts((0.2, 0.5), (1.3, 1.6)))
     assert answer.verdict == (
-        "Yes for the paper's kind of optimizer from a blank start; with ours, none saves any"
+        "Yes for the paper's kind of optimizer, compared with no seed; with ours, none saves time"
     )
     low, high = (x * (1.1 * 0.9) ** 0.5 for x in (0.2, 0.5))  # geometric means
     assert (
@@ -217,7 +217,7 @@ def around(seed, centre, widths, trainings=2):
         ([0.2] * 12, [0.05] * 12, 2, "Contradicted"),
         ([0.4] * 12, [0.3] * 12, 2, "Contradicted by some"),
         ([0.01] * 6 + [0.39] * 6, [0.2] * 12, 2, "Open: within the spread"),  # 0.2 on average
-        ([0.1] * 12, [0.3] * 12, 1, "Open: one training of some, points to yes"),
+        ([0.1] * 12, [0.3] * 12, 1, "Open: only one training of some; points to yes"),
     ],
 )
 def test_how_much_times_vary_is_compared_with_the_straight_line_on_the_same_trials(

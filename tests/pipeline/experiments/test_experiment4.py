@@ -141,7 +141,7 @@ def test_the_report_has_the_section_with_figures_and_tables(trials_at, times, tm
     files = build_report(Results(trials_at(6), transfer_times=times), tmp_path)
     text = files.markdown.read_text()
     section = text.split("## Experiment 4: other transfer times")[1].split("\n## ")[0]
-    assert "6nT numbers wide" in section
+    assert "feed-forward networks have 6nT inputs and outputs" in section
     assert {"experiment4-paper", "experiment4-tuned"} <= {p.stem for p in files.figures}
     by_name = {p.stem: pd.read_csv(p, keep_default_na=False) for p in files.tables}
     safe = by_name["experiment4-safe"].set_index("planner")
@@ -199,7 +199,7 @@ CHEAP = dict.fromkeys((10, 20, 40), 1.05)
 def test_a_transfer_time_is_served_where_plans_are_proven_safe_and_cheap(rows, safe, fuel, verdict):
     training = trained(("ff1", "tuned", 0.9, 1.0), ("lstm1", "tuned", 0.5, 1.0))
     nodes, steps = times_findings(lstms_at(rows, safe, fuel), training)
-    assert "for 20 min serve other nodes T" in nodes.question
+    assert "for 20 min work with other nodes T" in nodes.question
     assert nodes.verdict == verdict
     assert nodes.numbers.startswith("LSTM1 tuned, the only one that fits: at worst safe in ")
     assert steps.numbers.startswith("FF1 tuned, best on validation of those"), (

@@ -112,8 +112,8 @@ UNSURE, UNSURE_ANEW = (4, 4, 4, 4), (40, 3, 4, 3)
         (SAFE_ANYHOW, "Yes, in open loop"),
         (REPLANNING, "Yes, replanned at every node"),
         (MARGINAL, "Only replanned at every node with a margin"),
-        (CORRECTED, "Only with feedback, for a risk"),
-        (EITHER, "Only with feedback, for a risk, or replanned with a margin"),
+        (CORRECTED, "Only with feedback and a risk limit"),
+        (EITHER, "Only with feedback and a risk limit, or replanned with a margin"),
         (HOPELESS, "No, not even with feedback or a margin"),
         (UNSURE, "Open: too few scenarios"),
         (UNSURE_ANEW, "Not in open loop; otherwise too few"),
@@ -154,8 +154,8 @@ def test_every_planner_that_keeps_craft_apart_has_its_own_verdict():
     ("close", "off", "verdict"),
     [
         (0, 9e-6, "Yes, without errors"),
-        (0, 2e-5, "Apart, but not at their goals"),
-        (1, 9e-6, "At their goals, but not apart"),
+        (0, 2e-5, "Safe, but not at their goals"),
+        (1, 9e-6, "At their goals, but not safe"),
         (1, 2e-5, "No"),
     ],
 )
@@ -318,7 +318,7 @@ def test_the_report_has_the_section_and_says_when_plans_hold(trials_at, tmp_path
     text = files.markdown.read_text()
     section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
     assert section.startswith("Plans hold outside the linear model where")
-    assert "in no more than 5 % of flights, by the whole interval" in section
+    assert "in no more than 5 % of flights, over the whole interval" in section
     assert "Plans of test scenarios, 100 of n = 10, are flown" in section
     assert "4 times, with the same draws" in section
     assert (

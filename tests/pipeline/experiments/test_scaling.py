@@ -128,7 +128,7 @@ def test_a_verdict_names_the_sizes_at_which_a_network_is_proven_safe_and_cheap(r
 def test_findings_have_the_numbers_of_each_size(planned):
     papers, refiner = scaling_findings(larger_swarms(planned, VALID), VALID)
     assert papers.question == (
-        "Does a network of the paper's plan safely and cheaply beyond n = 30?"
+        "Does one of the paper's networks plan safely and cheaply beyond n = 30?"
     )
     assert papers.verdict == "No"
     assert papers.numbers.startswith("LSTM1 paper: at n = 30 ")
@@ -155,8 +155,8 @@ def test_experiment_2_ends_where_the_paper_does(planned):
     assert cells(sizes_tables(summary[summary["n"] <= 30])["fuel"])[0][3:] == ["n = 10", "n = 30"]
     questions = [a.question for a in size_findings(planned, VALID, 10)]
     assert questions == [
-        "Does a network of the paper's trained at n = 10 serve others (n = 30)?",
-        "Does the refiner trained at n = 10 serve others (n = 30)?",
+        "Does one of the paper's networks trained at n = 10 work at other sizes (n = 30)?",
+        "Does the refiner trained at n = 10 work at other sizes (n = 30)?",
     ]
     assert "at n = 30" in family_findings(summary)[0].numbers
 

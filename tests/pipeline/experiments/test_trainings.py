@@ -50,7 +50,7 @@ def test_averages_over_training_seeds_show_their_spread(trials, results):
         (((10, 12), (20, 24)), "Confirmed"),
         (((30, 32), (20, 24)), "Contradicted"),
         (((10, 20), (18, 20)), "Open: within the spread"),  # 15 ± 7.1 against 19 ± 1.4
-        (((10,), (20, 24)), "Open: one training of some, points to yes"),
+        (((10,), (20, 24)), "Open: only one training of some; points to yes"),
     ],
 )
 def test_feed_forward_networks_train_quicker_where_they_do_beyond_the_spread(

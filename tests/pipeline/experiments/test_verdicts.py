@@ -99,7 +99,7 @@ def test_the_largest_swarm_has_a_row_of_its_own(rows):
     (home,) = findings(planned, trained(), 10)
     (largest,) = size_findings(planned, trained(), 10)
     assert home.question.endswith("(n = 10)?")
-    assert "trained at n = 10 serve others (n = 30)" in largest.question
+    assert "trained at n = 10 work at other sizes (n = 30)" in largest.question
     assert largest.numbers.startswith("FF1 tuned: safe in 25 % [")
 
 

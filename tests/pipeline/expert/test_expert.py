@@ -285,7 +285,7 @@ def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch
 def test_a_search_ends_with_the_cheapest_iterate_that_it_has_seen_safe(monkeypatch):
     """Pressed for the last bit of fuel, programs also give dearer optima, by their tolerance."""
     seen = []
-    judge = Search._judge
+    judge = Search._check
 
     def watched(self, clusters):
         judge(self, clusters)
@@ -293,7 +293,7 @@ def test_a_search_ends_with_the_cheapest_iterate_that_it_has_seen_safe(monkeypat
         if least_separation(*flown, PROBLEM).bound > PROBLEM.collision_radius:
             seen.append(np.abs(self.iterate.controls).sum())
 
-    monkeypatch.setattr(Search, "_judge", watched)
+    monkeypatch.setattr(Search, "_check", watched)
     settings = Settings(gap_tolerance=1e-9, improvement=0.0, margin=0.005)
     for index in (4, 10, 26):
         seen.clear()

@@ -24,7 +24,7 @@ from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.document import document_of, read_scenario, scenario_from
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.waypoint import MOST_CHOICES, Waypoint, choices_of
+from pipeline.scenario.waypoint import MOST_CHOICES, Waypoint, node_choices
 
 PROBLEM = Problem()
 SWARM = draw("rings", 0, 6, 3, PROBLEM)
@@ -263,7 +263,7 @@ def test_no_choice_of_open_times_is_left_out_before_a_time_that_is_given():
     """Three nodes below the tenth of 1,249, by combinatorics; and too many where none is given."""
     long, place = Problem(nodes=1250, time_step=10.0), (0.0, 300.0, 0.0)
     open_times = [Waypoint(0, place)] * 3
-    found = choices_of([*open_times, Waypoint(0, place, time=100.0)], long)
+    found = node_choices([*open_times, Waypoint(0, place, time=100.0)], long)
     assert sorted(found) == [(*some, 10) for some in combinations(range(1, 10), 3)]
-    assert len(choices_of(open_times, long)) > MOST_CHOICES
-    assert choices_of([*open_times, Waypoint(0, place, time=20.0)], long) == []
+    assert len(node_choices(open_times, long)) > MOST_CHOICES
+    assert node_choices([*open_times, Waypoint(0, place, time=20.0)], long) == []

@@ -152,11 +152,11 @@ def test_what_is_not_understood_is_refused_in_a_sentence(rows):
         (message([rows[0].replace("2026-03", "2026-13")]), "has the time '2026-13-01T"),
         (whole.replace("META_STOP", ""), "has META_START without META_STOP"),
         (whole.replace("OBJECT_NAME = A", "OBJECT_NAME"), "has the line 'OBJECT_NAME'; expected"),
-        (whole.partition("META_START")[0], "has 0 of OBJECT_ID; expected segments of one"),
+        (whole.partition("META_START")[0], "has 0 values of OBJECT_ID; expected one"),
         (whole.partition("META_STOP")[0] + "META_STOP\n", "has a segment without states"),
         (
             whole + message(rows, OBJECT_ID="B").partition("ORIGINATOR = X\n")[2],
-            "has 2 of OBJECT_ID; expected segments of one",
+            "has 2 values of OBJECT_ID; expected one",
         ),
     ):
         with pytest.raises(InputError) as error:
@@ -167,5 +167,5 @@ def test_what_is_not_understood_is_refused_in_a_sentence(rows):
 
 def test_too_few_states_for_the_degree_are_refused(rows):
     made = ephemeris_from(message(rows[:3]), "a.oem")
-    with pytest.raises(InputError, match="states enough for its degree"):
+    with pytest.raises(InputError, match="enough states for its degree"):
         made.state_at(EPOCH, 10.0)

@@ -1,4 +1,4 @@
-"""Where each craft must be: its goal, and the waypoints on its way, as linear equations."""
+"""Goals and waypoints of each craft, as linear equality constraints on its controls."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from pipeline.scenario.waypoint import Waypoint
 
 
 @dataclass(frozen=True, eq=False)
-class Arrivals:
+class StateConstraints:
     """Equality constraints of each craft, reach · u = miss, on its flattened controls u; SI units.
 
     The first six are those of the goal; then there are six for each node with a waypoint.
@@ -23,24 +23,24 @@ class Arrivals:
 
     reach: Float[Array, "r m"]
     miss: Float[Array, "n r"]  # what the controls of each craft must bring about, m and m/s
-    wanted: Float[Array, "n r"]  # where each craft must be, m and m/s
+    targets: Float[Array, "n r"]  # components of the states that each craft must have, m and m/s
     nodes: tuple[int, ...]  # when
-    asked: Bool[Array, "n r"]  # of which craft; of others the miss is 0
+    constrained: Bool[Array, "n r"]  # which of them apply to which craft; of others the miss is 0
     weight: Float[Array, "r"]  # by which velocities count like positions, m
     scale: Float[Array, "r"]  # to accelerations of one order, m/s²
 
     def __len__(self) -> int:
         return len(self.miss)
 
-    def __getitem__(self, craft: Any) -> "Arrivals":
-        """The arrivals of some craft."""
-        rows = {name: getattr(self, name)[craft] for name in ("miss", "wanted", "asked")}
+    def __getitem__(self, craft: Any) -> "StateConstraints":
+        """The constraints of some craft."""
+        rows = {name: getattr(self, name)[craft] for name in ("miss", "targets", "constrained")}
         return replace(self, **rows)
 
-    def missed(self, states: States) -> Float[Array, "n r"]:
-        """By how much node states are not where craft must be, m and m/s."""
+    def residuals(self, states: States) -> Float[Array, "n r"]:
+        """The targets minus node states, 0 where not constrained, m and m/s."""
         there = states[:, list(self.nodes)].reshape(len(self), -1)
-        return np.where(self.asked, self.wanted - there, 0.0)
+        return np.where(self.constrained, self.targets - there, 0.0)
 
     def missed_by_drift(self, k: int) -> tuple[float, str]:
         """The largest distance, m, by which craft k without burns misses, and that in words."""
@@ -48,33 +48,33 @@ class Arrivals:
         return far, f"by drift it misses by {far:.4g} m and {fast:.4g} m/s"
 
 
-def arrivals_of(
+def state_constraints(
     initial: Formation,
     goal: Formation,
     problem: Problem,
     passed: Mapping[int, Sequence[tuple[int, Waypoint]]],
-) -> Arrivals:
-    """The equations of n craft, some of which pass waypoints at nodes."""
+) -> StateConstraints:
+    """The constraints of n craft, some of which pass waypoints at nodes."""
     maps, n = transfer_maps(problem), len(initial)
     inner = sorted({node for some in passed.values() for node, _ in some})
     nodes = [problem.intervals, *inner]
-    wanted = np.zeros((n, len(nodes), 6))
-    asked = np.zeros(wanted.shape, dtype=bool)
-    wanted[:, 0], asked[:, 0] = goal, True
+    targets = np.zeros((n, len(nodes), 6))
+    constrained = np.zeros(targets.shape, dtype=bool)
+    targets[:, 0], constrained[:, 0] = goal, True
     for craft, some in passed.items():
-        for node, one in some:
+        for node, waypoint in some:
             row = 1 + inner.index(node)
-            wanted[craft, row, :3], asked[craft, row, :3] = one.position, True
-            if one.velocity is not None:
-                wanted[craft, row, 3:], asked[craft, row, 3:] = one.velocity, True
-    miss = np.where(asked, wanted - np.matvec(maps.drift[nodes], initial[:, None]), 0.0)
+            targets[craft, row, :3], constrained[craft, row, :3] = waypoint.position, True
+            if waypoint.velocity is not None:
+                targets[craft, row, 3:], constrained[craft, row, 3:] = waypoint.velocity, True
+    miss = np.where(constrained, targets - np.matvec(maps.drift[nodes], initial[:, None]), 0.0)
     times = len(nodes)
-    return Arrivals(
+    return StateConstraints(
         reach=maps.reach[nodes].reshape(6 * times, -1),
         miss=miss.reshape(n, -1),
-        wanted=wanted.reshape(n, -1),
+        targets=targets.reshape(n, -1),
         nodes=tuple(nodes),
-        asked=asked.reshape(n, -1),
+        constrained=constrained.reshape(n, -1),
         weight=np.tile(state_weight(problem), times),
         scale=np.tile(acceleration_scale(problem), times),
     )
