@@ -53,14 +53,14 @@ class Encounters(geometry.Encounters):
             moved = torch.ones_like(states[:, 0, 0], dtype=torch.bool)
             # Of the right shapes and types alone: none of it is kept, as all craft have moved.
             before = geometry.EncounterGeometry(within, within, within > 0)
-        looked = moved[self.first] | moved[self.second]
-        share, turning = before.share.masked_fill(looked, 0.0), before.turns & ~looked
-        distance = before.distance.masked_fill(looked, torch.inf)
-        which = (looked & ~stays_beyond(ends, within)).nonzero()[:, 0]
+        active = moved[self.first] | moved[self.second]
+        share, minimum = before.share.masked_fill(active, 0.0), before.is_minimum & ~active
+        distance = before.distance.masked_fill(active, torch.inf)
+        which = (active & ~stays_beyond(ends, within)).nonzero()[:, 0]
         share[which] = nearest(ends[which])
         distance[which] = torch.linalg.vector_norm(positions(ends[which], share[which]), dim=1)
-        turning[which] = turns(ends[which], share[which])
-        return geometry.EncounterGeometry(share, distance, turning)
+        minimum[which] = is_minimum(ends[which], share[which])
+        return geometry.EncounterGeometry(share, distance, minimum)
 
 
 def encounters(states: Float[Tensor, "N T 6"], n: int) -> Encounters:
@@ -93,12 +93,12 @@ def stays_beyond(ends: Float[Tensor, "L 2 6"], within: Float[Tensor, "L"]) -> Bo
     return (least > 0) & (least.square() > within.square() * middle.square().sum(dim=1))
 
 
-def turns(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
-    """Whether each pair comes closer before and parts after its closest approach."""
+def is_minimum(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
+    """Whether each pair's distance has a local minimum at its closest approach."""
     gap, speed = positions(ends, share), velocities(ends, share)
     along = (gap * speed).sum(dim=1) ** 2
-    level = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
-    return ((share > 0) & (share < 1)) | level
+    stationary = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
+    return ((share > 0) & (share < 1)) | stationary
 
 
 def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
