@@ -19,7 +19,7 @@ from typer.main import get_command_name
 from cli import convert, dataset, experiments, fly, models, plan, scenario, train
 from cli.app import CommandGroup
 from cli.output import echo
-from pipeline.files import lowest
+from pipeline.files import lowest_existing
 
 # Threads that wait for each other sleep. Where they spin, as by OpenMP's default, and another
 # program wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
@@ -41,7 +41,7 @@ def _no_place_for_matplotlib() -> bool:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     except RuntimeError:  # there is no home
         return True
-    places = lowest(config), lowest(cache)
+    places = lowest_existing(config), lowest_existing(cache)
     return not all(place.is_dir() and os.access(place, os.W_OK) for place in places)
 
 

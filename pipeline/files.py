@@ -50,10 +50,10 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise InputError(f"{lowest(folder)} is a file; expected a folder.") from error
+        raise InputError(f"{lowest_existing(folder)} is a file; expected a folder.") from error
 
 
-def lowest(folder: Path) -> Path:
+def lowest_existing(folder: Path) -> Path:
     """The folder itself if it exists, or its lowest parent that does."""
     return next(path for path in (folder, *folder.parents) if os.path.lexists(path))
 
@@ -91,11 +91,11 @@ def refuse_undecodable(path: Path) -> None:
 
 def refuse_unwritable(path: Path) -> None:
     """Raise the error, InputError or OSError, that writing a file would, and leave no file."""
-    place = _place_of(path)
-    folder = lowest(place.parent)
+    target = _resolved(path)
+    folder = lowest_existing(target.parent)
     if not folder.is_dir():
         raise InputError(f"{folder} is a file; expected a folder.")
-    temporary = folder / _temporary_name(place)
+    temporary = folder / _temporary_name(target)
     try:
         temporary.touch()
     except OSError as error:
@@ -106,7 +106,7 @@ def refuse_unwritable(path: Path) -> None:
             temporary.unlink()
 
 
-def _place_of(path: Path) -> Path:
+def _resolved(path: Path) -> Path:
     """A path with symbolic links followed; InputError where no file can be written there."""
     refuse_special(path)
     if path.is_symlink():
@@ -130,7 +130,7 @@ def published(path: Path) -> Iterator[Path]:
     that is replaced keeps its mode; of a symbolic link the file that it names is replaced.
     InputError where it is a folder, a pipe or a device, or its folder is a file.
     """
-    path = _place_of(path)
+    path = _resolved(path)
     make_folder(path.parent)
     # Named here and made in the block: a file made before it would outlive an interrupt between.
     temporary = path.parent / _temporary_name(path)

@@ -164,7 +164,7 @@ def _step_interface(name: str) -> Markdown:
 
 
 def _content(name: str) -> Markdown:
-    return Markdown(value(name).what)  # ours, and written as such
+    return Markdown(value(name).meaning)  # ours, and written as such
 
 
 def _training(version: ModelVersion | None, model: Model) -> Markdown:

@@ -10,7 +10,7 @@ import pandas as pd
 from cli.jobs import training
 from cli.settings import TrainingSettings
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.reading import buffer_of
+from pipeline.dataset.reading import buffer_size
 from pipeline.errors import InputError
 from pipeline.experiments.verdicts import compare
 from pipeline.networks.device import torch_device
@@ -57,7 +57,7 @@ def trained_before(
     }
     connect()
     same, made_by = recorded(wanted).items(), with_architectures(TRAINED_BY, [arch])
-    buffer = buffer_of(settings.memory * 1e9, settings.n, manifest.problem)
+    buffer = buffer_size(settings.memory * 1e9, settings.n, manifest.problem)
     kind = "" if settings.device == "auto" else torch_device(settings.device).type
     found = [
         (version, changed_since(version.tags, made_by))

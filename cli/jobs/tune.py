@@ -21,7 +21,7 @@ from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.training.loop import POSITION_RMSE
-from pipeline.training.search import complete, drawn_trials, open_study
+from pipeline.training.search import completed_trials, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags, with_architectures
 from registry.store import TUNING, Store, opened, recorded_run, store_errors
@@ -122,7 +122,7 @@ def tune(
                     params = params_of({"arch": settings.arch, "recipe": task.recipe.name})
                     store.client.log_batch(run_id, params=params)
                 _search(study, search, workers, examples if alone else None, run_id, progress)
-            if not (trials := complete(study)):
+            if not (trials := completed_trials(study)):
                 raise ProlearnError(
                     f"No trial of {study.study_name} came to an end: the loss diverged in each; "
                     "expected at least one: run the command again, or start from another recipe."
@@ -154,11 +154,11 @@ def _search(
     metric = "best_" + search.objective.removeprefix("best_")
     unit = " m" if search.objective == POSITION_RMSE else ""
     one = partial(train_trial, search.made_by, made_with(*search.made_by))
-    last = min(how.trials, complete(study))
+    last = min(how.trials, completed_trials(study))
     left = how.trials - last  # a loss that diverges is an answer, too
     progress.expect(left)
-    while left and complete(study) < how.trials:  # other processes may have done some
-        count = min(how.at_once, left, how.trials - complete(study))
+    while left and completed_trials(study) < how.trials:  # other processes may have done some
+        count = min(how.at_once, left, how.trials - completed_trials(study))
         left -= count
         with drawn_trials(study, search.path, count, seed=how.seed, unused=unused) as drawn:
             tasks = [
@@ -168,7 +168,7 @@ def _search(
             with closing(workers.work(one, tasks, lambda _: data, progress)) as results:
                 for task, found in results:
                     _record(task, found, study, search)
-                    if done := complete(study):
+                    if done := completed_trials(study):
                         best = metrics_of({metric: study.best_value}, step=done)
                         search.store.client.log_batch(run_id, metrics=best)
                         before, last = last, min(done, how.trials)

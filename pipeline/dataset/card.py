@@ -23,7 +23,7 @@ from pipeline.dataset.manifest import (
     recorded,
     requirements_of,
 )
-from pipeline.dataset.reading import decode_solved, naming, refuse_unsolved
+from pipeline.dataset.reading import decode_solved, refuse_unsolved, shard_named
 from pipeline.dataset.samples import PRESETS, Sample
 from pipeline.dataset.schema import COLUMNS, SOLVED_FIELDS, DataColumn
 from pipeline.errors import InputError
@@ -41,7 +41,7 @@ from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import read_content
 from pipeline.storage.shared import work_on
 
-HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))  # of our splits on hubs
+HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))  # of splits on hubs
 DEFAULT = "default"  # the configuration that is loaded where none is named: all swarm sizes
 # Hubs' categories of size, with the number of rows that each stays below
 SIZES = {"n<1K": 1e3, "1K<n<10K": 1e4, "10K<n<100K": 1e5, "100K<n<1M": 1e6, "1M<n<10M": 1e7}
@@ -59,50 +59,52 @@ TAGS = [
 
 LICENCE = "mit"  # of data that come with prolearn: the project's own
 IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
-AGAIN = "data/again"  # folder in the commands that make a dataset once more
+REBUILT = "data/again"  # folder in the commands that make the dataset again
 # Columns that the card has numbers of
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
-PIECE = 2_000_000  # numbers in the states of a piece: 20 MB, which a worker reads in 0.1 s
-FEW = 40  # pieces below which processes of this machine take longer than reading here
+VALUES_PER_TASK = (
+    2_000_000  # values of states in a task of a worker: 20 MB, which it reads in 0.1 s
+)
+FEW_TASKS = 40  # below so many, starting processes takes longer than reading here
 QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
-TYPED_DIGITS = range(-3, 7)  # decimals that a person may have typed of an altitude in m
+TYPED_DIGITS = range(-3, 7)  # decimals of an altitude in m that a person may have typed
 
 
 @dataclass(frozen=True)
 class File:
-    """The file of a shard, with its number of rows and its bytes on disk and as an Arrow table."""
+    """The file of a solved shard, with its number of rows and its sizes."""
 
     shard: Shard
     rows: int
-    stored: int
-    in_memory: int
+    file_bytes: int
+    memory_bytes: int  # as an Arrow table
 
 
 def files_by_split(files: Sequence[File]) -> dict[str, list[File]]:
-    """Files by the hub's name of the split of their rows.
+    """Files by the name, on hubs, of the split of their rows.
 
-    Hubs give a file to one split alone, so splits that have a file in common go together, under
-    their names joined, such as ``validation_test``.
+    On hubs a file belongs to one split, so splits that share a file are merged, and named such as
+    ``validation_test``.
     """
-    held = {file.shard.solved: file.shard.sample.splits_of(file.shard.number) for file in files}
+    splits = {file.shard.solved: file.shard.sample.splits_of(file.shard.number) for file in files}
     found: dict[str, list[File]] = {}
-    for group in _partition(held.values()):
+    for group in _partition(splits.values()):
         name = "_".join(HUB_NAMES[split] for split in SPLITS if split in group)
-        found[name] = [file for file in files if held[file.shard.solved] <= group]
+        found[name] = [file for file in files if splits[file.shard.solved] <= group]
     return found
 
 
 def _partition(sets: Iterable[set[str]]) -> list[set[str]]:
     """The finest partition of the splits in which each set lies in one part, in order."""
     parts: list[set[str]] = []
-    for one in sets:
-        apart = [part for part in parts if not part & one]
-        parts = [*apart, one.union(*(part for part in parts if part & one))]
+    for members in sets:
+        disjoint = [part for part in parts if not part & members]
+        parts = [*disjoint, members.union(*(part for part in parts if part & members))]
     return sorted(parts, key=lambda part: min(map(SPLITS.index, part)))
 
 
 def front_matter(files: Sequence[File], title: str, licence: str) -> str:
-    """The front matter as YAML, without its lines of dashes."""
+    """The front matter as YAML, without the ``---`` lines around it."""
     rows = sum(file.rows for file in files)
     return yaml.safe_dump(
         {
@@ -112,7 +114,7 @@ def front_matter(files: Sequence[File], title: str, licence: str) -> str:
             "tags": TAGS,
             "size_categories": [next((k for k, below in SIZES.items() if rows < below), LARGEST)],
             "configs": _configurations(files),
-            "dataset_info": [_info(files)],
+            "dataset_info": [_dataset_info(files)],
         },
         sort_keys=False,
         allow_unicode=True,
@@ -121,18 +123,18 @@ def front_matter(files: Sequence[File], title: str, licence: str) -> str:
 
 
 def _configurations(files: Sequence[File]) -> list[Mapping[str, Any]]:
-    """All files, and those of each swarm size where there are several."""
+    """The configuration of all files, and one for each swarm size where there are several."""
     by_n = {f"n{n}": some for n, some in _by_size(files)}
-    every = {DEFAULT: files} | (by_n if len(by_n) > 1 else {})
-    found = {name: files_by_split(some).items() for name, some in every.items()}
+    configs = {DEFAULT: files} | (by_n if len(by_n) > 1 else {})
+    found = {name: files_by_split(some).items() for name, some in configs.items()}
     paths = {k: [{"split": s, "path": list(_paths(f))} for s, f in v] for k, v in found.items()}
     return [{"config_name": name, "data_files": data} for name, data in paths.items()]
 
 
 def _paths(files: Sequence[File]) -> Iterator[str]:
     for n, some in _by_size(files):
-        every = len(some) == some[0].shard.sample.shards
-        yield from [f"n={n}/*.parquet"] if every else [file.shard.solved for file in some]
+        is_all = len(some) == some[0].shard.sample.shards
+        yield from [f"n={n}/*.parquet"] if is_all else [file.shard.solved for file in some]
 
 
 def _by_size(files: Sequence[File]) -> Iterator[tuple[int, list[File]]]:
@@ -140,25 +142,25 @@ def _by_size(files: Sequence[File]) -> Iterator[tuple[int, list[File]]]:
         yield n, list(some)
 
 
-def _info(files: Sequence[File]) -> Mapping[str, Any]:
+def _dataset_info(files: Sequence[File]) -> Mapping[str, Any]:
     return {
         "config_name": DEFAULT,
         "features": [_feature(field) for field in SOLVED_FIELDS],
         "splits": [
             {
                 "name": split,
-                "num_bytes": sum(file.in_memory for file in some),
+                "num_bytes": sum(file.memory_bytes for file in some),
                 "num_examples": sum(file.rows for file in some),
             }
             for split, some in files_by_split(files).items()
         ],
-        "download_size": sum(file.stored for file in files),
-        "dataset_size": sum(file.in_memory for file in files),
+        "download_size": sum(file.file_bytes for file in files),
+        "dataset_size": sum(file.memory_bytes for file in files),
     }
 
 
 def _feature(field: pa.Field) -> Mapping[str, str]:
-    """Types as hubs call them: Arrow's name, but for float64, which Arrow calls double."""
+    """A column with its type as hubs name it: as Arrow does, except for float64 (double)."""
     key, kind = "dtype", field.type
     if pa.types.is_list(kind):
         key, kind = "list", kind.value_type
@@ -175,20 +177,20 @@ def write_card(
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
-    The licence is an identifier such as "mit" or "cc-by-4.0"; with ``replace`` another README.md is
-    written over. InputError for a dataset that is not wholly solved or is damaged, another
-    README.md, or no licence; ProlearnError where workers are killed again and again.
+    The licence is an identifier such as "mit" or "cc-by-4.0"; with ``replace`` a README.md with
+    other content is overwritten. InputError for such a file otherwise, for a dataset that is
+    damaged or not wholly solved, or no licence; ProlearnError where workers are killed repeatedly.
     """
     if not IDENTIFIER.fullmatch(licence):
         raise InputError(
             f"licence is {licence!r}; expected an identifier such as mit or cc-by-4.0."
         )
     folder = open_folder(where)
-    text = _card(folder, licence, workers or Workers(), progress)
-    there = folder.read(CARD) if folder.exists(CARD) else None
-    if there == text.encode():
+    text = _card_text(folder, licence, workers or Workers(), progress)
+    present = folder.read(CARD) if folder.exists(CARD) else None
+    if present == text.encode():
         return text
-    if there is not None and not replace:
+    if present is not None and not replace:
         raise InputError(
             f"{folder} has a {CARD} that says something else; move what you wrote there out of "
             "the way, or replace it with --force."
@@ -197,7 +199,7 @@ def write_card(
     return text
 
 
-def _card(folder: Folder, licence: str, workers: Workers, progress: Progress) -> str:
+def _card_text(folder: Folder, licence: str, workers: Workers, progress: Progress) -> str:
     manifest = read_manifest(folder)
     files, rows = _contents(folder, manifest, workers, progress)
     name = folder.local.resolve().name if folder.local else str(folder).rstrip("/").split("/")[-1]
@@ -213,7 +215,7 @@ def _card(folder: Folder, licence: str, workers: Workers, progress: Progress) ->
         orbit=_orbit(manifest.problem),
         at_nodes=requirements_of(manifest.solve).at_nodes,
         sizes=sorted(manifest.samples),
-        mebibytes=sum(file.stored for file in files) / 2**20,
+        mebibytes=sum(file.file_bytes for file in files) / 2**20,
         joined=Markdown(", ".join(joined)),
         solved=SOLVED,
         columns=table(("column", "type", "unit", "meaning"), map(_column, COLUMNS)),
@@ -231,75 +233,76 @@ def _column(column: DataColumn) -> tuple[Markdown, str, str, Markdown]:
 def _contents(
     folder: Folder, manifest: Manifest, workers: Workers, progress: Progress
 ) -> tuple[list[File], pd.DataFrame]:
-    """The files of a solved dataset in order, and the columns SUMMARIZED of all rows."""
+    """The files of a solved dataset in order, and the SUMMARIZED columns of all their rows."""
     shards = manifest.expected()
     refuse_unsolved(folder, manifest, shards)
     progress.expect(sum(len(shard.rows) for shard in shards))
-    pieces = _pieces(manifest, shards)
-    if workers.jobs == -1 and len(pieces) < FEW:
+    tasks = _tasks(manifest, shards)
+    if workers.jobs == -1 and len(tasks) < FEW_TASKS:
         workers = replaced(workers, jobs=1)
     found: dict[int, list[tuple[File, pa.Table]]] = {}
     summarized = partial(_summarized, str(folder))
-    with closing(work_on(folder, workers, summarized, pieces, _read, progress)) as results:
-        for (number, _), some in results:
-            found[number] = some
-            progress.done(sum(file.rows for file, _ in some))
-    files, tables = zip(*chain.from_iterable(found[number] for number, _ in pieces), strict=True)
+    with closing(work_on(folder, workers, summarized, tasks, _read, progress)) as results:
+        for (number, _), files_read in results:
+            found[number] = files_read
+            progress.done(sum(file.rows for file, _ in files_read))
+    files, tables = zip(*chain.from_iterable(found[number] for number, _ in tasks), strict=True)
     return list(files), pa.concat_tables(tables).to_pandas()
 
 
 # A task of a worker: its number, and consecutive solved shards with their digests
-Piece = tuple[int, list[tuple[Shard, str]]]
+Task = tuple[int, list[tuple[Shard, str]]]
 
 
-def _pieces(manifest: Manifest, shards: Sequence[Shard]) -> list[Piece]:
-    """All shards in order, in pieces that do not depend on the workers."""
+def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[Task]:
+    """All shards in order, grouped in a way that does not depend on the workers."""
     ends = accumulate(shard.most.values for shard in shards)
     listed = [(shard, manifest.shards[shard.solved]) for shard in shards]
-    groups = groupby(zip(listed, ends, strict=True), lambda one: one[1] // PIECE)
-    return [(number, [one for one, _ in some]) for number, some in groups]
+    groups = groupby(zip(listed, ends, strict=True), lambda pair: pair[1] // VALUES_PER_TASK)
+    return [(number, [shard for shard, _ in group]) for number, group in groups]
 
 
-def _read(folder: Folder, piece: Piece) -> list[bytes]:
-    _, shards = piece
+def _read(folder: Folder, task: Task) -> list[bytes]:
+    _, shards = task
     found = []
     for shard, _ in shards:
-        with naming(shard, str(folder)):
+        with shard_named(shard, str(folder)):
             found.append(read_content(folder, shard.solved))
     return found
 
 
-def _summarized(folder: str, piece: Piece, content: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
-    """In a worker: sizes and the columns SUMMARIZED of each shard of a piece."""
-    _, shards = piece
+def _summarized(folder: str, task: Task, contents: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
+    """In a worker: the file and the SUMMARIZED columns of each shard of a task."""
+    _, shards = task
     found = []
-    for (shard, digest), one in zip(shards, content, strict=True):
-        with naming(shard, folder):  # one in memory at a time
-            rows = decode_solved(one, shard, digest)
-        found.append((File(shard, rows.num_rows, len(one), rows.nbytes), rows.select(SUMMARIZED)))
+    for (shard, digest), content in zip(shards, contents, strict=True):
+        with shard_named(shard, folder):  # one in memory at a time
+            rows = decode_solved(content, shard, digest)
+        file = File(shard, rows.num_rows, len(content), rows.nbytes)
+        found.append((file, rows.select(SUMMARIZED)))
     return found
 
 
 def _origin(manifest: Manifest) -> Mapping[str, Any]:
     made, preset = manifest.made_with, preset_of(manifest)
-    samples = sorted(manifest.samples.items())
-    sizes = {way: [n for n, one in samples if one == way] for _, way in samples}
+    by_n = sorted(manifest.samples.items())
+    sizes = {sample: [n for n, other in by_n if other == sample] for _, sample in by_n}
     draws = [
-        (ranges(ns), way.family, way.seed, way.count, *map(len, way.splits.values()))
-        for way, ns in sizes.items()
+        (ranges(ns), sample.family, sample.seed, sample.count, *map(len, sample.splits.values()))
+        for sample, ns in sizes.items()
     ]
     names = sorted({*made.sample, *made.solve})
     versions = [(name, made.sample.get(name, ""), made.solve.get(name, "")) for name in names]
     settings = (formatted("{} {}", code(name), value) for name, value in manifest.solve.items())
-    families = sorted({one.family for one in manifest.samples.values()})
-    known = {name: (draw.__doc__ or "").partition("\n")[0] for name, draw in FAMILIES.items()}
+    families = sorted({sample.family for sample in manifest.samples.values()})
+    docs = {name: (draw.__doc__ or "").partition("\n")[0] for name, draw in FAMILIES.items()}
     return {
         "draws": table(("n", "family", "seed", "scenarios of each n", *SPLITS), draws),
         "families": {
-            name: known.get(name, "Of another version of prolearn.").replace(" (the default)", "")
+            name: docs.get(name, "Of another version of prolearn.").replace(" (the default)", "")
             for name in families
         },
-        "commands": list(commands(manifest, AGAIN)),
+        "commands": list(commands(manifest, REBUILT)),
         "missing": ranges(sorted({*PRESETS.get(preset or "", {})} - {*manifest.samples})),
         "versions": table(("", "scenarios", "plans"), versions),
         "settings": Markdown(", ".join(settings)),
@@ -311,15 +314,15 @@ def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
     solved = rows[rows["status"] == SOLVED]
     gaps = solved["optimality_gap"].quantile(list(QUANTILES))
     numbers = []
-    for n, every in rows.groupby("n_spacecraft"):
-        some = solved[solved["n_spacecraft"] == n]
+    for n, of_size in rows.groupby("n_spacecraft"):
+        plans = solved[solved["n_spacecraft"] == n]
         numbers.append(
             (
                 str(n),
-                f"{len(some)} of {len(every)}",
-                *map(_percent, some["optimality_gap"].quantile(list(QUANTILES))),
-                _number(some["fuel"].mean(), "{:#.4g}"),
-                _number(some["min_separation"].min(), "{:.3f}"),
+                f"{len(plans)} of {len(of_size)}",
+                *map(_percent, plans["optimality_gap"].quantile(list(QUANTILES))),
+                _number(plans["fuel"].mean(), "{:#.4g}"),
+                _number(plans["min_separation"].min(), "{:.3f}"),
             )
         )
     head = ("n", "solved", "gap, median", "90 %", "99 %", "largest")
@@ -340,17 +343,17 @@ def _number(value: float, form: str) -> str:
 
 
 def preset_of(manifest: Manifest) -> str | None:
-    """The preset that a whole dataset is of, or None; sizes may be missing."""
-    # Settings that are newer than the dataset have the value that the expert had built in.
-    usual = manifest.solve.items() <= recorded(Settings(), AT_ALL_TIMES).items()
-    if not usual or manifest.problem != Problem():
+    """The preset that all scenarios and plans are of, or None; sizes of it may be missing."""
+    # A subset: settings that are newer than the dataset had their present default built in.
+    default = manifest.solve.items() <= recorded(Settings(), AT_ALL_TIMES).items()
+    if not default or manifest.problem != Problem():
         return None
     fitting = (k for k, preset in PRESETS.items() if manifest.samples.items() <= preset.items())
     return next(fitting, None)
 
 
 def commands(manifest: Manifest, folder: str) -> Iterator[str]:
-    """The command lines that make the same rows, but for settings that no option sets."""
+    """The command lines that make the same rows, except for settings that have no option."""
     preset = preset_of(manifest)
     if preset:
         yield f"prolearn dataset --preset {preset} --out {folder}"
@@ -389,19 +392,19 @@ def _orbit(problem: Problem) -> str:
 
 
 def altitude_of(mean_motion: float) -> float:
-    """Altitude in m of a mean motion in rad/s, in the fewest decimals that give it back."""
+    """Altitude in m of a mean motion in rad/s, with the fewest decimals that reproduce it."""
     exact = radius_at(mean_motion) - R_EARTH
     rounded = (round(exact, digits) for digits in TYPED_DIGITS)
-    return next((one for one in rounded if mean_motion_at(one) == mean_motion), exact)
+    return next((value for value in rounded if mean_motion_at(value) == mean_motion), exact)
 
 
 def ranges(numbers: Sequence[int]) -> str:
-    """Ascending numbers in words.
+    """Ascending numbers as text, runs of them shortened.
 
     >>> ranges([2, 3, 4, 10, 60])
     '2 to 4, 10, 60'
     """
-    # Along a run of consecutive numbers, number less place stays the same.
-    groups = groupby(enumerate(numbers), key=lambda at: at[1] - at[0])
+    # Along a run of consecutive numbers, number minus index stays the same.
+    groups = groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0])
     runs = [[number for _, number in group] for _, group in groups]
     return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

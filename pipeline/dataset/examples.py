@@ -9,7 +9,7 @@ from pipeline.orbit.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Examples in memory, as one part. States are in m and m/s."""
+    """Examples in memory, which are one part. States are in m and m/s."""
 
     problem: Problem
     initial: Float[Array, "N n 6"]
@@ -34,21 +34,21 @@ class Examples:
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Examples of one problem and swarm size, read or drawn part by part in each pass."""
+    """Examples of one problem and swarm size that are read or drawn anew, by parts, each pass."""
 
     problem: Problem
     n: int  # spacecraft in each example
     count: int  # examples in a pass
-    buffer: int  # examples that may be held at once, beside the part that is being read
+    buffer: int  # examples that may be held at once, besides the part that is being read
     part_count: int  # parts in a pass
-    read: Callable[[int], Examples]  # the part of a number
-    endless: bool = False  # whether there are parts beyond, a new one for each pass
+    read: Callable[[int], Examples]  # gives the part of a number
+    endless: bool = False  # whether each pass gets one new part, numbered on
 
     def __len__(self) -> int:
         return self.count
 
     def parts(self, order: Sequence[int] | None = None) -> Iterator[Examples]:
-        """All examples, part by part, in an order of the parts."""
+        """All examples, part by part, in the given order of the parts or their own."""
         return map(self.read, range(self.part_count) if order is None else order)
 
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 from pipeline.dataset import schema
 from pipeline.dataset.manifest import (
     OWNED,
-    TOP,
+    TOP_LEVEL,
     MadeWith,
     Manifest,
     Shard,
@@ -52,15 +52,16 @@ def sample(
 ) -> Manifest:
     """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
-    Shards that are there are kept. InputError for settings that cannot be sampled or differ from
-    those of the folder; ProlearnError where it cannot be written to or workers are killed again and
-    again.
+    Present shards are kept. InputError for settings that cannot be sampled or differ from those of
+    the folder; ProlearnError where it cannot be written to or workers are killed repeatedly.
     """
     folder, workers = open_folder(where), workers or Workers()
-    for n, one in samples.items():
-        draw(one.family, one.seed, n, 0, problem)  # refuses bad settings before anything exists
+    for n, by in samples.items():
+        draw(by.family, by.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
-    foreign = [] if is_begun(folder) else [one for one in folder.top() if not TOP.fullmatch(one)]
+    foreign = (
+        [] if is_begun(folder) else [name for name in folder.top() if not TOP_LEVEL.fullmatch(name)]
+    )
     if foreign:
         raise InputError(
             f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
@@ -68,42 +69,42 @@ def sample(
         )
     begin = partial(_begin_sampling, folder, samples, problem)
     with open_ledger(folder, OWNED, begin, progress) as ledger:
-        lost = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
-        write_shards(ledger, draw_shard, lost, workers, progress)
+        missing = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
+        write_shards(ledger, draw_shard, missing, workers, progress)
     return ledger.manifest
 
 
 def _begin_sampling(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
-    """The manifest that the folder has or gets, where its settings agree with these."""
+    """The manifest to write; InputError where the folder was begun with other settings."""
     versions = made_with(*SAMPLED_BY)
     if not is_begun(folder):
         return Manifest(problem, dict(samples), {}, MadeWith(versions, {}), {})
     manifest = read_manifest(folder)
     refuse_change(str(folder), manifest.problem.document(), problem.document())
-    for n, one in samples.items():
+    for n, by in samples.items():
         if n in manifest.samples:
-            refuse_change(f"{folder} at n={n}", asdict(manifest.samples[n]), asdict(one))
+            refuse_change(f"{folder} at n={n}", asdict(manifest.samples[n]), asdict(by))
     refuse_other_versions(f"{folder} was sampled", manifest.made_with.sample, versions)
     return replace(manifest, samples={**manifest.samples, **samples})
 
 
 def draw_shard(shard: Shard, _: bytes) -> NewShard:
-    """In a worker: the scenarios of a shard; its plans are dropped where these have changed."""
+    """In a worker: the scenario shard; the solved one is dropped where the scenarios changed."""
     return NewShard(shard.scenarios, encode(drawn_table(shard)), derived=shard.solved)
 
 
 def drawn_table(shard: Shard) -> pa.Table:
-    """Draw the scenarios of a shard; ProlearnError where other versions began the dataset."""
-    about, one = shard.about, shard.sample
-    check_worker(about.made_with.sample, SAMPLED_BY)
-    drawn = one.drawn_as(shard.rows)
-    scenarios = draw_many(one.family, one.seed, shard.n, drawn, about.problem)
+    """The scenarios of a shard, drawn; ProlearnError where other versions began the dataset."""
+    manifest, by = shard.manifest, shard.sample
+    check_worker(manifest.made_with.sample, SAMPLED_BY)
+    drawn = by.drawn_as(shard.rows)
+    scenarios = draw_many(by.family, by.seed, shard.n, drawn, manifest.problem)
     splits = [split for split, _ in drawn]
     return schema.scenario_table(scenarios, splits, shard.metadata(shard.scenarios))
 
 
 def refuse_versions(what: object, manifest: Manifest) -> None:
-    """Raise InputError, naming the first version that a dataset was not begun with."""
+    """Raise InputError, naming the first version in use that did not begin the dataset."""
     made = manifest.made_with
     refuse_other_versions(f"{what} was sampled", made.sample, made_with(*SAMPLED_BY))
     if manifest.solve:
@@ -119,7 +120,7 @@ def solve(
     workers: Workers | None = None,
     progress: Progress = SILENT,
 ) -> Manifest:
-    """Solve what is not solved yet of a sampled dataset; damaged shards are done again.
+    """Solve the unsolved shards of a sampled dataset; damaged shards are made again.
 
     InputError where there is no dataset, another process writes to it, or it was begun with other
     settings; ProlearnError as in ``sample``.
@@ -133,23 +134,26 @@ def solve(
 
 
 def complete(
-    ledger: Ledger[Manifest], workers: Workers, progress: Progress, leave: Collection[str] = ()
+    ledger: Ledger[Manifest], workers: Workers, progress: Progress, spared: Collection[str] = ()
 ) -> None:
-    """Draw or solve what is missing or damaged, except for the shards of files in ``leave``."""
+    """Draw or solve what is missing or damaged, except for the shards of files in ``spared``."""
     manifest = ledger.manifest
-    shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*leave}]
-    lost = [s for s in shards if not ledger.is_sound(s.scenarios)]
-    if lost:
-        progress.say(f"Scenario shards that are missing or damaged are drawn again: {len(lost)}.")
-        write_shards(ledger, draw_shard, lost, workers, SILENT)
+    shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*spared}]
+    missing = [s for s in shards if not ledger.is_sound(s.scenarios)]
+    if missing:
+        drawn = f"Scenario shards that are missing or damaged are drawn again: {len(missing)}."
+        progress.say(drawn)
+        write_shards(ledger, draw_shard, missing, workers, SILENT)
     if manifest.solve:
-        wanted = [s for s in shards if not _is_done(ledger, s)]
-        wanted.reverse()  # the largest swarms take longest: they first
-        write_shards(ledger, _solved, wanted, workers, progress, lambda shard: shard.scenarios)
+        unsolved = [s for s in shards if not _is_solved(ledger, s)]
+        unsolved.reverse()  # the largest swarms, which take longest, first
+        write_shards(
+            ledger, _solve_shard, unsolved, workers, progress, lambda shard: shard.scenarios
+        )
 
 
 def _begin_solving(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:
-    """The manifest with these settings, where the folder was begun with no others."""
+    """The manifest to write; InputError where solving was begun with other settings."""
     manifest, now = read_manifest(folder), recorded(settings, requirements)
     if manifest.solve:
         refuse_change(str(folder), manifest.solve, now)
@@ -158,8 +162,8 @@ def _begin_solving(folder: Folder, settings: Settings, requirements: Requirement
     return replace(manifest, solve=now, made_with=replace(manifest.made_with, solve=versions))
 
 
-def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
-    """Whether plans are there and sound; whole ones of a run that was killed are adopted."""
+def _is_solved(ledger: Ledger[Manifest], shard: Shard) -> bool:
+    """Whether a shard is solved and sound; intact ones of a killed run are adopted."""
     name, folder = shard.solved, ledger.folder
 
     def fits(table: pa.Table) -> bool:
@@ -172,9 +176,12 @@ def _is_done(ledger: Ledger[Manifest], shard: Shard) -> bool:
     return ledger.adopt(name, shard.most, fits)
 
 
-def _solved(shard: Shard, content: bytes) -> NewShard:
-    settings, requirements = settings_of(shard.about.solve), requirements_of(shard.about.solve)
-    check_worker(shard.about.made_with.solve, SOLVED_BY)
+def _solve_shard(shard: Shard, content: bytes) -> NewShard:
+    settings, requirements = (
+        settings_of(shard.manifest.solve),
+        requirements_of(shard.manifest.solve),
+    )
+    check_worker(shard.manifest.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
     plans = _plans(schema.scenarios_of(table), settings, requirements)
     solved = encode(schema.solved_table(table, plans, shard.metadata(shard.solved)))
@@ -186,13 +193,13 @@ def _solved(shard: Shard, content: bytes) -> NewShard:
 def _plans(
     scenarios: Sequence[Scenario], settings: Settings, requirements: Requirements
 ) -> list[Plan | str]:
-    """Plans, or why there is none: failing arithmetic costs a row, other errors end the run."""
+    """Plans, or why there is none: failing arithmetic costs one plan, other errors end the run."""
     try:
         plans = solve_many(scenarios, settings=settings, requirements=requirements)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         if len(scenarios) == 1:
             return [f"the expert failed: {error!r}"]
-        return [plan for one in scenarios for plan in _plans([one], settings, requirements)]
+        return [plan for s in scenarios for plan in _plans([s], settings, requirements)]
     overflowed = [p.status == SOLVED and not np.isfinite(p.states).all() for p in plans]
     why = "the plan has states that are not finite numbers"
     return [why if over else plan for plan, over in zip(plans, overflowed, strict=True)]

@@ -35,15 +35,17 @@ CARD = "README.md"
 SCENARIOS = "_scenarios/"
 SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
 OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
-# Files that a dataset may hold beside its shards
-BESIDE = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
+# Files that a dataset may hold besides its shards
+OTHER_FILES = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
 # Files and folders directly inside the folder of a dataset
-TOP = re.compile(rf"{BESIDE.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?")
+TOP_LEVEL = re.compile(
+    rf"{OTHER_FILES.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?"
+)
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
 MOST_BYTES = 2**31  # of a shard, which is read whole to be checked; most have some MB
 NUMBER_BYTES, TEXT_BYTES = 9, 256  # the most that a number and the rest of a row take in a shard
 FORMER_SOLVERS = {"cvxpy": "clarabel"}  # of earlier versions, and what is used instead
-REQUIRED = ("separation", "passive_safety")  # recorded beside the settings of the expert
+REQUIRED = ("separation", "passive_safety")  # requirements recorded with the expert's settings
 
 
 def most_rows(n: int, problem: Problem) -> int:
@@ -53,11 +55,11 @@ def most_rows(n: int, problem: Problem) -> int:
 
 
 def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any]:
-    """Settings and requirements of plans; InputError for a risk, which no column shows."""
+    """The record of settings and requirements; InputError for a risk, which no column shows."""
     if requirements.risk is not None:
         raise InputError(
-            "a risk is asked for of a dataset, whose plans are flown without errors; expected "
-            "requirements without one."
+            "the requirements have a risk, and plans of a dataset are flown without errors; "
+            "expected requirements without one."
         )
     return asdict(settings) | {name: getattr(requirements, name) for name in REQUIRED}
 
@@ -96,7 +98,7 @@ class MadeWith:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a dataset folder is meant to hold and what of it is there; laid out as in the file."""
+    """What a dataset folder shall hold and which shards are finished; laid out as in the file."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -131,13 +133,13 @@ class Manifest:
         return fields
 
     def expected(self) -> "list[Shard]":
-        """All shards that it is meant to hold, in order."""
-        about = replace(self, shards={})
+        """All shards that it shall hold, in order."""
+        manifest = replace(self, shards={})
         sizes = sorted(self.samples.items())
-        return [Shard(about, n, k) for n, one in sizes for k in range(one.shards)]
+        return [Shard(manifest, n, k) for n, sample in sizes for k in range(sample.shards)]
 
     def digest(self, n: int | None = None) -> str:
-        """Digest of the solved data, or of one swarm size: the same bytes, the same digest."""
+        """Digest of the solved data, all or of one swarm size."""
         top = "n=" if n is None else f"n={n}/"
         solved = {p: d for p, d in self.shards.items() if p.startswith(top)}
         return hashlib.sha256(json.dumps(solved, sort_keys=True).encode()).hexdigest()
@@ -145,16 +147,16 @@ class Manifest:
 
 @dataclass(frozen=True)
 class Shard:
-    """Some rows of a dataset, with all that decides what they are."""
+    """Some rows of a dataset, with all that determines them."""
 
-    about: Manifest  # the manifest without its digests, which a worker does not need
+    manifest: Manifest  # without its digests, which a worker does not need
     n: int  # swarm size
     number: int  # which of that size's shards
 
     @property
     def sample(self) -> Sample:
         """How its scenarios are drawn."""
-        return self.about.samples[self.n]
+        return self.manifest.samples[self.n]
 
     @property
     def rows(self) -> range:
@@ -164,14 +166,14 @@ class Shard:
     @property
     def scenario_ids(self) -> list[str]:
         """Names of its scenarios, in order."""
-        one = self.sample
-        drawn = one.drawn_as(self.rows)
-        return [scenario_id(one.family, one.seed, self.n, k, split) for split, k in drawn]
+        by = self.sample
+        drawn = by.drawn_as(self.rows)
+        return [scenario_id(by.family, by.seed, self.n, k, split) for split, k in drawn]
 
     @property
     def most(self) -> Size:
         """The largest size of its files."""
-        return Size(len(self.rows), len(self.rows) * self.n * 6 * self.about.problem.nodes)
+        return Size(len(self.rows), len(self.rows) * self.n * 6 * self.manifest.problem.nodes)
 
     @property
     def solved(self) -> str:
@@ -185,16 +187,17 @@ class Shard:
 
     @property
     def timings(self) -> str:
-        """Path of the times that its plans took."""
+        """Path of the timings of its plans."""
         return TIMINGS + self.solved
 
     def metadata(self, path: str) -> dict[bytes, bytes]:
-        """The schema metadata of its scenarios or of its solved instances."""
-        about, sample = self.about, self.sample
+        """The schema metadata of a file of it, the scenarios' or that of the solved instances."""
+        manifest, sample = self.manifest, self.sample
         origin = {"seed": sample.seed, "family": sample.family}
         if path == self.scenarios:
-            return metadata(about.problem, origin, about.made_with.sample)
-        return metadata(about.problem, origin | dict(about.solve), about.made_with.solve)
+            return metadata(manifest.problem, origin, manifest.made_with.sample)
+        settings = origin | dict(manifest.solve)
+        return metadata(manifest.problem, settings, manifest.made_with.solve)
 
 
 def read_manifest(where: Where | Folder) -> Manifest:
@@ -215,7 +218,7 @@ def is_begun(folder: Folder) -> bool:
 
 
 def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
-    """The manifest, or its copy where it is damaged and the fault; InputError where both are."""
+    """The manifest and '', or its copy and the manifest's fault; InputError where both are bad."""
     found = _parsed(folder, MANIFEST)
     if isinstance(found, Manifest):
         return found, ""
@@ -228,7 +231,7 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
             "again: shards that are sound are kept."
         )
     what = "is a file" if folder.local and folder.local.is_file() else "does not exist"
-    if folder.is_there():
+    if folder.is_present():
         what = "holds no dataset" if folder.names() else "is empty"
     raise InputError(
         f"{folder} {what}; expected a dataset folder: make one with "
@@ -237,7 +240,7 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
 
 
 def _parsed(folder: Folder, name: str) -> Manifest | str:
-    """A manifest, or why it cannot be what was written; InputError for one of another version."""
+    """The manifest in a file, or what is wrong with it; InputError for one of another version."""
     if not folder.exists(name):
         return "is missing"
     try:

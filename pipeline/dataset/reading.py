@@ -1,4 +1,4 @@
-"""Solved datasets read back: rows for the experiments, arrays for training, perhaps streamed."""
+"""Reading of solved datasets: rows for the experiments, arrays for training, perhaps streamed."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,14 +17,14 @@ from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import decode, has_metadata, read_content, verified
 
-LEARNED = ("initial", "goal", "states")  # columns that training reads
-SELECTED_BY = ("split", "status")  # columns that decide whether a row is an example
+TRAINING_COLUMNS = ("initial", "goal", "states")  # columns that training reads
+SELECTION_COLUMNS = ("split", "status")  # columns that decide whether a row is an example
 MEMORY = 2e9  # bytes that training may take for its data by default
 COPIES = 8  # most copies of examples in memory while they are read and encoded
 
 
 def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard]) -> None:
-    """Raise InputError, naming the first shard that is not solved yet."""
+    """Raise InputError, shard_named the first shard that is not solved yet."""
     for shard in shards:
         if shard.solved not in manifest.shards:
             raise InputError(
@@ -39,16 +39,16 @@ def read_solved(
     shard: Shard,
     columns: Sequence[str] | None = None,
     *,
-    again: bool = False,
+    trusted: bool = False,
 ) -> pa.Table:
     """The rows of a solved shard, or some of their columns; InputError where it is damaged.
 
-    ``again`` says that it was read before by the same manifest.
+    ``trusted`` says that it was read and checked before, with the same manifest.
     """
     digest = manifest.shards[shard.solved]
-    with naming(shard, str(folder)):
+    with shard_named(shard, str(folder)):
         content = read_content(folder, shard.solved)
-        return decode_solved(content, shard, digest, columns, again=again)
+        return decode_solved(content, shard, digest, columns, trusted=trusted)
 
 
 def decode_solved(
@@ -57,18 +57,18 @@ def decode_solved(
     digest: str,
     columns: Sequence[str] | None = None,
     *,
-    again: bool = False,
+    trusted: bool = False,
 ) -> pa.Table:
     """The rows of a solved shard from its bytes; InputErrors do not name the shard."""
-    table = decode(verified(content, digest), shard.most, columns, again=again)
+    table = decode(verified(content, digest), shard.most, columns, trusted=trusted)
     if not has_metadata(table, shard.metadata(shard.solved)):
         raise InputError("was made with other settings than the manifest has")
     return table
 
 
 @contextmanager
-def naming(shard: Shard, folder: str) -> Iterator[None]:
-    """Add the name of a damaged shard, and how to mend it, to InputErrors in the block."""
+def shard_named(shard: Shard, folder: str) -> Iterator[None]:
+    """Add the name of the shard, and how to repair it, to InputErrors in the block."""
     try:
         yield
     except InputError as error:
@@ -81,23 +81,23 @@ def naming(shard: Shard, folder: str) -> Iterator[None]:
 def solved_rows(
     where: Where | Folder, n: int, split: str | None = None, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Rows of one swarm size and a split, or all, in order of their index.
+    """Rows of one swarm size, of one split or all, in order of their index.
 
-    Of columns, those asked for, ``split`` and ``status`` are read, or all. InputError for what is
-    not in the dataset, not solved or damaged.
+    All columns are read, or those given, ``split`` and ``status``. InputError for what is not in
+    the dataset, not solved or damaged.
     """
     folder = open_folder(where)
     manifest = read_manifest(folder)
-    wanted = None if columns is None else list({*SELECTED_BY, *columns})
+    wanted = None if columns is None else list({*SELECTION_COLUMNS, *columns})
     # At least a schema, where no shard has rows of the split.
     shards = _shards(folder, manifest, n, split) or _shards(folder, manifest, n)[:1]
-    table = pa.concat_tables([read_solved(folder, manifest, one, wanted) for one in shards])
+    table = pa.concat_tables([read_solved(folder, manifest, shard, wanted) for shard in shards])
     return table if split is None else table.filter(pc.field("split") == split)
 
 
 def solved_scenarios(where: Where | Folder, n: int, split: str) -> list[Scenario]:
     """Scenarios of one swarm size and split in order of their index; errors as ``solved_rows``."""
-    return scenarios_of(solved_rows(where, n, split, [one.name for one in SCENARIO_FIELDS]))
+    return scenarios_of(solved_rows(where, n, split, [field.name for field in SCENARIO_FIELDS]))
 
 
 def solved_examples(
@@ -111,31 +111,32 @@ def solved_examples(
     folder = open_folder(where)
     manifest = read_manifest(folder)
     shards = _shards(folder, manifest, n, split)
-    tables = (read_solved(folder, manifest, one, SELECTED_BY) for one in shards)
-    count = sum(len(_chosen(table, split)) for table in tables)
+    tables = (read_solved(folder, manifest, shard, SELECTION_COLUMNS) for shard in shards)
+    count = sum(len(_solved_of_split(table, split)) for table in tables)
     if count == 0:
         raise InputError(
             f"{folder} has no solved instance of n={n} in its {split} split; expected some: sample "
             "more scenarios, into another folder."
         )
-    buffer = buffer_of(memory, n, manifest.problem)
+    buffer = buffer_size(memory, n, manifest.problem)
     if count <= buffer:
-        return _examples(solved_rows(folder, n, split, LEARNED), n, split)
+        return _examples(solved_rows(folder, n, split, TRAINING_COLUMNS), n, split)
 
     def read(part: int) -> Examples:
-        table = read_solved(folder, manifest, shards[part], [*LEARNED, *SELECTED_BY], again=True)
+        columns = [*TRAINING_COLUMNS, *SELECTION_COLUMNS]
+        table = read_solved(folder, manifest, shards[part], columns, trusted=True)
         return _examples(table, n, split)
 
     return ExampleStream(manifest.problem, n, count, buffer, len(shards), read)
 
 
-def buffer_of(memory: float, n: int, problem: Problem) -> int:
+def buffer_size(memory: float, n: int, problem: Problem) -> int:
     """Size of the shuffle buffer, in instances of n craft, for a limit of memory in bytes."""
-    return max(1, int(memory / (COPIES * bytes_of_one(n, problem))))
+    return max(1, int(memory / (COPIES * instance_bytes(n, problem))))
 
 
-def bytes_of_one(n: int, problem: Problem) -> int:
-    """Size of an instance's arrays."""
+def instance_bytes(n: int, problem: Problem) -> int:
+    """Size of the arrays of one instance, bytes."""
     return 8 * n * 6 * (2 + problem.nodes)
 
 
@@ -143,21 +144,21 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
     """The solved shards of one swarm size that hold rows of a split, in order."""
     if n not in manifest.samples:
         sizes = ", ".join(str(size) for size in sorted(manifest.samples))
-        one_of = "in" if len(manifest.samples) > 1 else "="
-        raise InputError(f"{folder} has no scenarios of n={n}; expected n {one_of} {sizes}.")
-    every = [shard for shard in manifest.expected() if shard.n == n]
-    refuse_unsolved(folder, manifest, every)
-    return [s for s in every if split is None or split in s.sample.splits_of(s.number)]
+        relation = "in" if len(manifest.samples) > 1 else "="
+        raise InputError(f"{folder} has no scenarios of n={n}; expected n {relation} {sizes}.")
+    shards = [shard for shard in manifest.expected() if shard.n == n]
+    refuse_unsolved(folder, manifest, shards)
+    return [s for s in shards if split is None or split in s.sample.splits_of(s.number)]
 
 
-def _chosen(table: pa.Table, split: str) -> pa.Table:
-    """The solved rows of a split; the table itself where that is all of its rows."""
+def _solved_of_split(table: pa.Table, split: str) -> pa.Table:
+    """The solved rows of a split; the table itself, uncopied, where these are all of its rows."""
     fits = pc.and_(pc.equal(table["split"], split), pc.equal(table["status"], SOLVED))
     return table if pc.all(fits).as_py() else table.filter(fits)
 
 
 def _examples(table: pa.Table, n: int, split: str) -> Examples:
-    table = _chosen(table, split)
+    table = _solved_of_split(table, split)
     problem = problem_of(table)
     ends = stacked(table, "initial", n, 6), stacked(table, "goal", n, 6)
     return Examples(problem, *ends, stacked(table, "states", n, problem.nodes, 6))

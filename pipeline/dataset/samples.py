@@ -44,9 +44,9 @@ class Sample:
     def drawn_as(self, rows: range) -> list[tuple[str, int]]:
         """The split of each row's scenario, and its index there."""
         return [
-            (split, row - of.start)
-            for split, of in self.splits.items()
-            for row in range(max(of.start, rows.start), min(of.stop, rows.stop))
+            (split, row - span.start)
+            for split, span in self.splits.items()
+            for row in range(max(span.start, rows.start), min(span.stop, rows.stop))
         ]
 
     def rows(self, shard: int) -> range:
@@ -57,7 +57,7 @@ class Sample:
     def splits_of(self, shard: int) -> set[str]:
         """The splits that a shard has rows of."""
         rows, splits = self.rows(shard), self.splits.items()
-        return {k for k, of in splits if max(of.start, rows.start) < min(of.stop, rows.stop)}
+        return {k for k, s in splits if max(s.start, rows.start) < min(s.stop, rows.stop)}
 
 
 ONLY_TEST = (0.0, 0.0, 1.0)

@@ -1,8 +1,8 @@
 """The Parquet schema of datasets: columns, metadata, and rows to and from values.
 
-One row an instance; arrays are lists in row-major order, so that swarm sizes mix in one table
-and every Parquet reader understands them. The schema's metadata has a key ``prolearn`` with the
-problem and how it was sampled and solved, as JSON.
+One row for each instance; arrays are lists in row-major order, so that one table can hold several
+swarm sizes and every Parquet reader understands them. The schema's metadata has a key ``prolearn``
+with the problem and how it was sampled and solved, as JSON.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ class DataColumn:
     meaning: str  # in Markdown
     unit: str = ""  # of its numbers, or nothing
     shape: str = ""  # of its lists of doubles, in row-major order
-    nullable: bool = False  # since it depends on a plan, which may not exist
+    nullable: bool = False  # where it depends on a plan, which may not exist
 
     @property
     def field(self) -> pa.Field:
@@ -45,7 +45,7 @@ class DataColumn:
         return pa.field(self.name, self.type, nullable=self.nullable)
 
 
-_of_plan = partial(DataColumn, nullable=True)
+_plan_column = partial(DataColumn, nullable=True)
 TEXT, INTEGER, REAL = pa.string(), pa.int32(), pa.float64()
 LIST = pa.list_(pa.field("element", REAL, nullable=False))
 
@@ -62,14 +62,14 @@ CONTROLS = "x y z of each craft's thrust acceleration, constant over each interv
 FUEL = "Σ‖u‖₁ over craft and intervals; times Δt it is Δv in m/s"
 PLAN_COLUMNS = (
     DataColumn("status", TEXT, "`solved`, or why not: `infeasible` (proven), `unsolved`, `unsafe`"),
-    _of_plan("states", LIST, STATES, "m, m/s", "n·T·6"),
-    _of_plan("controls", LIST, CONTROLS, "m/s²", "n·(T-1)·3"),
-    _of_plan("fuel", REAL, FUEL, "m/s²"),
-    _of_plan("fuel_lower_bound", REAL, "proven: no transfer, safe or not, needs less", "m/s²"),
-    _of_plan("optimality_gap", REAL, "fuel / fuel_lower_bound - 1"),
-    _of_plan("node_collisions", INTEGER, "pairs and nodes within the collision radius"),
-    _of_plan("min_separation", REAL, "least distance of any pair at any time", "m"),
-    _of_plan("convex_solves", INTEGER, "convex programs that the plan took"),
+    _plan_column("states", LIST, STATES, "m, m/s", "n·T·6"),
+    _plan_column("controls", LIST, CONTROLS, "m/s²", "n·(T-1)·3"),
+    _plan_column("fuel", REAL, FUEL, "m/s²"),
+    _plan_column("fuel_lower_bound", REAL, "proven: no transfer, safe or not, needs less", "m/s²"),
+    _plan_column("optimality_gap", REAL, "fuel / fuel_lower_bound - 1"),
+    _plan_column("node_collisions", INTEGER, "pairs and nodes within the collision radius"),
+    _plan_column("min_separation", REAL, "least distance of any pair at any time", "m"),
+    _plan_column("convex_solves", INTEGER, "convex programs that the plan took"),
 )
 COLUMNS = (*SCENARIO_COLUMNS, *PLAN_COLUMNS)
 SCENARIO_FIELDS = [column.field for column in SCENARIO_COLUMNS]
@@ -123,7 +123,7 @@ def scenario_table(
 def solved_table(
     scenarios: pa.Table, plans: Sequence[Plan | str], meta: Mapping[bytes, bytes]
 ) -> pa.Table:
-    """A table of SOLVED_FIELDS: scenarios with their plans, or with why there is none."""
+    """A table of SOLVED_FIELDS: scenarios with their plans, UNSOLVED for a text instead of one."""
     schema = pa.schema([column.field for column in PLAN_COLUMNS])
     found = pa.Table.from_pylist([_plan_row(plan) for plan in plans], schema)
     columns = [*scenarios.columns, *found.columns]
@@ -131,17 +131,16 @@ def solved_table(
 
 
 def timing_table(scenarios: pa.Table, plans: Sequence[Plan | str], digest: str) -> pa.Table:
-    """Timings of the solved shard with a digest, kept apart since no two runs agree on them."""
+    """Timings of the solved shard of a digest; in a file of their own, as each run's differ."""
     rows: list[dict[str, Any]] = []
     for name, plan in zip(scenarios["scenario_id"].to_pylist(), plans, strict=True):
-        said = {"message": plan} if isinstance(plan, str) else {"message": plan.message or None}
-        timing = {} if isinstance(plan, str) else plan.timing
-        rows.append({"scenario_id": name, **said, **timing})
+        message, timing = (plan, {}) if isinstance(plan, str) else (plan.message, plan.timing)
+        rows.append({"scenario_id": name, "message": message or None, **timing})
     return pa.Table.from_pylist(rows, pa.schema(TIMING_FIELDS, metadata={TIMED_KEY: digest}))
 
 
 def same_scenarios(table: pa.Table, scenarios: pa.Table) -> bool:
-    """Whether a table's rows are those scenarios, in that order."""
+    """Whether two tables have the same scenarios in the same order."""
     names = [field.name for field in SCENARIO_FIELDS]
     known = set(names) <= set(table.column_names)
     return known and table.select(names).equals(scenarios.select(names))

@@ -154,7 +154,7 @@ class Batch:
         return reasons
 
     def _drift_miss(self, k: int) -> str:
-        """A clause on how far craft k drifts from its goal, if only its ``no_burn`` keeps it from it."""
+        """A clause on how far craft k drifts from its goal, if ``no_burn`` alone is the cause."""
         if (
             self.limits is None
             or self.constraints is None

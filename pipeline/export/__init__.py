@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.errors import InputError, check_choice
 from pipeline.export.basilisk import write_basilisk
 from pipeline.export.burns import Masses, PerCraft, write_burns
-from pipeline.export.messages import write_ephemerides, write_parameters
+from pipeline.export.messages import write_ephemerides, write_orbit_parameters
 from pipeline.export.tables import write_csv, write_parquet
 from pipeline.plan import Plan
 
@@ -58,7 +58,7 @@ def write_plan_as(
         case "oem":
             return write_ephemerides(plan, path, name)
         case "opm":
-            return write_parameters(plan, path, name, masses)
+            return write_orbit_parameters(plan, path, name, masses)
         case "burns":
             write_burns(plan, path, masses)
         case "basilisk":

@@ -154,7 +154,9 @@ def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
     return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
 
 
-def write_parameters(plan: Plan, folder: Path, name: str, masses: Masses | None) -> list[Path]:
+def write_orbit_parameters(
+    plan: Plan, folder: Path, name: str, masses: Masses | None
+) -> list[Path]:
     """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
 
     A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.

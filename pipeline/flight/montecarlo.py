@@ -209,8 +209,8 @@ def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
     first, rows = portion.rows.start, table.num_rows
     whole = table["trial"].to_pylist() == list(range(first, first + rows))
     if whole and rows < len(portion.rows):
-        ledger.outgrow(name)
-    return whole and rows >= len(portion.rows) and ledger.timed.get(name) == timings
+        ledger.allow_overwriting(name)
+    return whole and rows >= len(portion.rows) and ledger.timing_digests.get(name) == timings
 
 
 def _refuse_change(folder: Folder, table: pa.Table, portion: Portion) -> None:
@@ -256,6 +256,6 @@ def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int)
         return pa.concat_tables(parts).slice(0, trials).combine_chunks()
 
     portions = list(_portions(of, loop, trials))
-    rows, seconds = read(ledger.shards), read(ledger.timed, TIMINGS)["replan_seconds"]
+    rows, seconds = read(ledger.shards), read(ledger.timing_digests, TIMINGS)["replan_seconds"]
     columns = {name: rows[name].to_numpy() for name in rows.column_names}
     return {**columns, "replan_seconds": seconds.combine_chunks().flatten().to_numpy()}

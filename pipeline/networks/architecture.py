@@ -1,4 +1,4 @@
-"""The protocol of architectures, ``Architecture``; an entry point names each object of it."""
+"""The protocol of network architectures, ``Architecture``, whose objects entry points name."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

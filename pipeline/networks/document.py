@@ -20,7 +20,7 @@ DOCUMENT_FILE = "model.json"
 COLUMNS_AT_ONCE = 50_000  # most columns n·T of a batch: a few hundred MB in the widest network
 
 COLUMNS_ON_DEVICE = 1_000_000
-"""The same of the refiner on a GPU, which fewer do not keep busy; 4 GiB in dense swarms of ten."""
+"""The same for the refiner on a GPU, which fewer leave idle; 4 GiB for dense swarms of ten."""
 
 Answer = Literal["states", "controls"]
 
@@ -47,7 +47,7 @@ class TrainedNetwork(Protocol):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that decides its answers."""
+        """SHA-256 of all that determines its answers."""
 
     def on(self, problem: Problem) -> "TrainedNetwork":
         """The same weights for another problem; InputError where they do not fit."""
@@ -97,7 +97,7 @@ class ProblemFields(BaseModel):
 
 
 class ModelDocument(BaseModel):
-    """The fields of a model file beside its checksum; unknown ones are refused."""
+    """The fields of a model file besides its checksum; unknown ones are refused."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, populate_by_name=True, serialize_by_alias=True

@@ -38,11 +38,11 @@ TARGETS = STATES, OFFSET = "states", "offset"
 """The output is the trajectory itself, as in the paper, or its offset from the input's."""
 
 SCALINGS = COMMON, COMPONENT = "common", "component"
-"""One scale for all six components, so that m and m/s weigh as they stand in the paper's matrix, or
-one for each, so that each is near 1."""
+"""One scale for all six components, as in the paper's matrix of m and m/s, or one for each,
+so that each is near 1."""
 
 LEAST_SHARE = 1e-6
-"""Least scale of a component, as a share of the largest of its kind: rounding is no signal."""
+"""Least scale of a component, as a share of the largest of its kind: less is rounding."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
 
 
 def _scale(size: Float[Array, "6"], scaling: str) -> tuple[float, ...]:
-    """Scales from each component's root mean square; what never varies gets a harmless one."""
+    """Scales from each component's root mean square; 1 where that of its kind is 0."""
     if scaling == COMMON:
         return (float(size.max()) or 1.0,) * 6
     kind = np.repeat(size.reshape(2, 3).max(axis=1), 3)  # positions, velocities

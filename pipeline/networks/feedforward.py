@@ -77,8 +77,8 @@ def _average(network: nn.Module, inputs: Trajectories, size: int) -> Trajectorie
     b, n, T, _ = inputs.shape
     chosen = combinations_of(n, size)  # (k, size)
     craft = torch.from_numpy(chosen.copy()).to(inputs.device)
-    asked = inputs[:, craft].reshape(-1, size, T, 6)  # (b·k, size, T, 6)
-    answers = _answer(network, asked).reshape(b, -1, 6 * T)  # (b, k·size, 6T)
+    swarms = inputs[:, craft].reshape(-1, size, T, 6)  # (b·k, size, T, 6)
+    answers = _answer(network, swarms).reshape(b, -1, 6 * T)  # (b, k·size, 6T)
     # A product, not index_add: ONNX has no sum over repeated indices.
     shares = torch.from_numpy(_shares(n, size)).to(inputs)  # (n, k·size)
     return (shares @ answers).reshape(inputs.shape)
@@ -92,17 +92,17 @@ def _shares(n: int, size: int) -> Float[Array, "n _"]:
     return member / member.sum(axis=1, keepdims=True)
 
 
-MOST_COMBINATIONS = 100  # the paper's limit on combinations an instance
+MOST_COMBINATIONS = 100  # the paper's limit on combinations for each instance
 
 
 @lru_cache(maxsize=64)
 def combinations_of(n: int, size: int) -> Int[Array, "k size"]:
-    """Distinct combinations of ``size`` of n craft, every craft in some; a function of both alone.
+    """Distinct combinations of ``size`` of n craft, each craft in some; the same in every call.
 
     All of them where there are at most MOST_COMBINATIONS. Otherwise random permutations, cut into
-    pieces of ``size`` with the last piece wrapping round, until there are so many: so craft are in
-    nearly equally many. More only where fewer could not hold every craft. Indices ascend in each
-    row, and are read-only.
+    pieces of ``size`` with the last piece wrapping round, until there are so many: each craft is
+    then in about equally many. There are more only where fewer cannot hold every craft. Indices
+    ascend in each row, and are read-only.
     """
     if comb(n, size) <= MOST_COMBINATIONS:
         found = np.array(list(combinations(range(n), size)))

@@ -12,7 +12,7 @@ from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.feedforward import Layered, Layers
 
 CHANGES: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
-"""Weights shared by all columns see nT times as many examples: fewer epochs of larger steps do."""
+"""Weights shared by all columns see nT times as many examples: fewer, larger steps suffice."""
 
 
 class Columns(nn.Module):

@@ -33,7 +33,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 
 NO_NETWORK = (ValueError, TypeError, KeyError, RuntimeError)
-"""What an architecture raises where a configuration makes no network."""
+"""What an architecture raises where a configuration is not one of a network."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Model:
     architecture: str  # its name
     config: Mapping[str, Any]  # its sizes
     recipe: str  # name of the recipe that it was trained by
-    encoding: Encoding  # how states become its input and its answer becomes states
+    encoding: Encoding  # of states as its input, and of its output as states
     network: nn.Module  # the module, for answers only
     device: str | None = None  # on which a refiner plans, as in ``TrainedRefiner``
 
@@ -63,7 +63,7 @@ class Model:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that decides its answers."""
+        """SHA-256 of all that determines its answers."""
         return _documented(self)[1].digest
 
     def on(self, problem: Problem) -> "Model":
@@ -102,12 +102,12 @@ class Model:
         """As in ``TrainedNetwork``."""
         problem = replace(self.problem, collision_radius=collision_radius)
         every = portions(initial, goal, problem.nodes, self.device)
-        asked = (swarms(problem, initial[part], goal[part]) for part in every)
-        return np.concatenate([self._answer(replace(some, device=self.device)) for some in asked])
+        batches = (swarms(problem, initial[part], goal[part]) for part in every)
+        return np.concatenate([self._answer(replace(b, device=self.device)) for b in batches])
 
     @torch.inference_mode()
-    def _answer(self, asked: Swarms) -> Float[Array, "b n _ _"]:
-        answer = find(self.architecture).answer(self.network, asked, self.encoding)
+    def _answer(self, batch: Swarms) -> Float[Array, "b n _ _"]:
+        answer = find(self.architecture).answer(self.network, batch, self.encoding)
         return np.asarray(answer.double().cpu().numpy())
 
 
@@ -120,7 +120,7 @@ def save(model: Model, folder: Path) -> None:
 
 
 def _documented(model: Model) -> tuple[bytes, ModelDocument]:
-    """Weights as bytes, and the document that has their digest."""
+    """The weights as bytes, and the document with their digest."""
     weights = tensors_to({k: v.contiguous() for k, v in model.network.state_dict().items()})
     encoding = model.encoding
     document = ModelDocument(

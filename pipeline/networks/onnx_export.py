@@ -49,9 +49,9 @@ class Exported:
 
     path: Path
     kib: float  # its size, KiB
-    flown: bool  # whether it answers with transfers that can be flown, and their controls
+    flown: bool  # whether its answers are transfers that can be flown, with their controls
     n: int | None  # the only number of craft that the file answers for, or None
-    most: int | None  # the greatest number that it answers for, or None where there is no limit
+    most: int | None  # the largest number that it answers for, or None where there is no limit
     difference: float  # largest difference from torch, as a share of a component's root mean square
     metres: float  # largest difference of a position, m
     seconds: Mapping[int, float]  # median time of one instance on one core, by swarm size
@@ -114,7 +114,7 @@ def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[flo
 
 
 def _seconds(session: Any, model: Model, n: int) -> float:
-    """Median time of one instance, after a few to warm up."""
+    """Median time of one instance in s, after a few calls to warm up."""
     ends = _ends(model, n, 1)
     call = partial(session.run, None, ends)
     return float(np.median(timeit.repeat(call, number=1, repeat=WARM_UP + REPEATS)[WARM_UP:]))
@@ -184,8 +184,8 @@ def export(
     The file is for n craft, or for any number that one graph of the architecture answers for.
     ``flown`` projects the prediction onto the transfers that can be flown; the file's metadata has
     the JSON values ``about``. InputError where onnx or onnxruntime is not installed, n is no number
-    of craft, or the architecture answers in a way of its own. ProlearnError where the architecture
-    cannot be exported, or onnxruntime's answer is not torch's.
+    of craft, or the architecture is not derived from ``Supervised``. ProlearnError where it cannot
+    be exported, or onnxruntime's answer is not torch's.
     """
     if n is not None:
         check_range("n", n, 1, MOST_CRAFT)
@@ -270,7 +270,7 @@ def open_session(path: Path) -> Any:
         import onnxruntime
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # a size that the file does not serve is no event
+    options.log_severity_level = 4  # a swarm size that the file does not serve is expected
     return onnxruntime.InferenceSession(
         path.read_bytes(), sess_options=options, providers=["CPUExecutionProvider"]
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 from pipeline.errors import InputError, check_choice, check_range, check_whole
 
-MOST = 1_000_000  # of whatever a recipe counts: instances, passes, scenarios that are drawn
+MOST = 1_000_000  # largest count in a recipe, of instances, passes or draws
 
 CONSTANT, COSINE = "constant", "cosine"
 
@@ -23,7 +23,7 @@ class Recipe:
     scaling: str  # what the components are divided by: "common" or "component"
     dropout: float  # share of each hidden layer's outputs dropped in training
     learning_rate: float  # of Adam
-    batch_size: int  # instances a step
+    batch_size: int  # instances in each step
     epochs: int  # most passes over the training data
     patience: int = 5  # early stopping: passes without a better validation score
     interior: str = "line"  # what stands in the input between initial and goal state
@@ -31,8 +31,8 @@ class Recipe:
     schedule: str = CONSTANT  # of the learning rate over all epochs, of SCHEDULES
     gradient_limit: float = 0.0  # gradient clipping: largest norm of a step's gradient
     averaging: float = 0.0  # decay of the moving average of weights, which is scored and kept
-    draws: int = 0  # fresh scenarios an epoch, without plans, instead of the training split
-    crowded: int = 0  # scenarios of the family dense, without plans, drawn once, beside the others
+    draws: int = 0  # fresh scenarios in each epoch, without plans, instead of the training split
+    crowded: int = 0  # scenarios of the family dense, without plans, added to the training split
     options: Mapping[str, Any] = field(default_factory=dict)  # what only one architecture knows
 
     def __post_init__(self) -> None:

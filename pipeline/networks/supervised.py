@@ -20,12 +20,12 @@ def collision_penalty(
 ) -> Float[Tensor, ""]:
     """Mean over instances of Σ max(0, 1 - d/r_col)² over pairs and nodes, d the distance in m.
 
-    A smooth stand-in for Eq. 5: it is 0 exactly where no pair is within the collision radius at
+    A smooth surrogate of Eq. 5: it is 0 exactly where no pair is within the collision radius at
     a node, and each collision adds up to 1, more where it is deeper.
     """
     n = positions.shape[1]
     i, j = torch.triu_indices(n, n, 1, device=positions.device)
-    # Copies whole trajectories, forth and back, where brackets would copy number by number.
+    # Copies whole trajectories, in both passes, while brackets would copy number by number.
     gap = positions.index_select(1, i) - positions.index_select(1, j)  # (b, p, T, 3)
     distance = torch.linalg.vector_norm(gap, dim=-1)
     depth = torch.relu(1 - distance / collision_radius)
@@ -33,7 +33,7 @@ def collision_penalty(
 
 
 class Supervised(ABC):
-    """Base of the paper's six: an ``Architecture`` but for its network and forward pass."""
+    """Base of the paper's six: an ``Architecture`` without its network and forward pass."""
 
     collision: bool = False  # whether the loss has the collision penalty
     answers: ClassVar[Answer] = "states"  # which obey no dynamics
@@ -67,7 +67,7 @@ class Supervised(ABC):
         """Inputs and targets in float32."""
         if swarms.states is None or swarms.states.isnan().any():
             raise InputError(
-                "the scenarios have no plans of the expert and the network learns from these; "
+                "this network learns from the expert's plans, and the scenarios have none; "
                 "expected a recipe with draws 0 and crowded 0, and a solved dataset."
             )
         inputs = _inputs(swarms, encoding)

@@ -26,32 +26,32 @@ COUNT_SECONDS = 2.0  # how often the workers are counted
 
 
 @contextmanager
-def cluster(scheduler: str, wait: float, again: bool, progress: Progress) -> Iterator["Cluster"]:
+def cluster(scheduler: str, wait: float, retrying: bool, progress: Progress) -> Iterator["Cluster"]:
     """Connect to a Dask scheduler; ProlearnError where none answers or it has no workers.
 
-    A scheduler that was there before (``again``) is waited for, so many seconds, and its workers.
+    One that was lost (``retrying``) has ``wait`` seconds to answer, and may have no workers yet.
     """
     where = public_url(scheduler)
     with _without_logs():
         _check_certificates(scheduler)
-        # Calls carry what they work on, some MB, which Dask takes for a mistake.
+        # Calls carry some MB of content, which Dask takes for a mistake.
         warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
         try:
-            client = _client(scheduler, wait if again and wait else CONNECT_SECONDS)
+            client = _client(scheduler, wait if retrying and wait else CONNECT_SECONDS)
         except (OSError, ValueError) as error:
             raise ProlearnError(
                 f"the Dask scheduler at {where} is gone and did not come back within {wait:g} s; "
                 f"{KEPT}: start it and its workers, and run {SAME}."
-                if again
+                if retrying
                 else f"no Dask scheduler answers at {where} ({public(error, scheduler)}); start "
                 "one with `dask scheduler`."
             ) from error
         try:
             pool = Cluster(client, where, wait)
-            if not pool.has_workers(0.0 if again else CONNECT_SECONDS):
+            if not pool.has_workers(0.0 if retrying else CONNECT_SECONDS):
                 none = f"the Dask scheduler at {where} has no workers"
                 start = f"start some with `dask worker {where}`."
-                if not again:
+                if not retrying:
                     raise ProlearnError(f"{none}; {start}")
                 progress.say(f"{none} yet; {start}")
             yield pool
@@ -69,7 +69,7 @@ class Cluster:
         self._threads, self._counted = 0, -COUNT_SECONDS
 
     def has_workers(self, seconds: float) -> bool:
-        """Whether workers come within some seconds; a call waits, for which clusters may grow."""
+        """Whether workers come within some seconds; a call is sent, for which clusters may grow."""
         with self._connected():
             there = bool(self._client.ncores())
             if there or not seconds:
@@ -83,7 +83,7 @@ class Cluster:
     def results(self, calls: Iterator[Callable[[], Any]]) -> Iterator[Any]:
         """Results of calls in the order in which they are done; raises what a call raises.
 
-        A call is drawn at its turn, so that not all need to fit in memory. WorkersLostError where
+        A call is drawn when due, so that not all need to fit in memory. WorkersLostError where
         workers are lost; calls without a result are to be made again.
         """
         done: SimpleQueue[Future] = SimpleQueue()
@@ -101,7 +101,7 @@ class Cluster:
             yield self._result(future)
 
     def _room(self) -> int:
-        """The most calls under way: for each thread of the workers one running and one waiting."""
+        """The most calls under way: one running and one waiting for each thread of the workers."""
         if monotonic() - self._counted >= COUNT_SECONDS:
             self._check()
             with self._connected():
@@ -137,7 +137,7 @@ class Cluster:
             raise self._gone()
 
     def _is_broken(self) -> bool:
-        """Whether calls were sent by another connection: Dask's client makes a new one itself."""
+        """Whether the connection of the calls is gone; Dask's client makes a new one by itself."""
         now = self._client.scheduler_comm
         return now is None or now is not self._connection or now.closed()
 
@@ -163,7 +163,7 @@ class Cluster:
 
 
 def _check_certificates(scheduler: str) -> None:
-    """InputError for a scheduler by TLS where Dask's own configuration has no certificates."""
+    """Raise InputError for a TLS scheduler if Dask's own configuration has no certificates."""
     from distributed.security import Security
 
     with_tls = scheduler.startswith("tls://")
@@ -176,7 +176,7 @@ def _check_certificates(scheduler: str) -> None:
 
 
 def _client(scheduler: str, seconds: float) -> "Client":
-    """A client of a scheduler, once that answers; OSError where it does not in time."""
+    """A client of a scheduler once it answers; OSError where it does not in time."""
     from distributed import Client
     from distributed.comm import get_address_host_port
 
@@ -184,7 +184,7 @@ def _client(scheduler: str, seconds: float) -> "Client":
     while True:
         timeout = min(CONNECT_SECONDS, max(TRY_SECONDS, end - monotonic()))
         try:
-            # Before there is a client, since one that is still connecting holds up a Ctrl-C.
+            # Tried without a client, since one that is still connecting delays a Ctrl-C.
             with socket.create_connection(get_address_host_port(scheduler), timeout):
                 pass
             return Client(scheduler, timeout=timeout, set_as_default=False)
@@ -196,7 +196,7 @@ def _client(scheduler: str, seconds: float) -> "Client":
 
 @contextmanager
 def _without_logs() -> Iterator[None]:
-    """Hide the tracebacks that Dask logs of a lost scheduler; InputError without Dask."""
+    """Hide the tracebacks that Dask logs when a scheduler is lost; InputError without Dask."""
     with missing_extra_hint():
         import distributed  # noqa: F401, its loggers have their levels from then on
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]

@@ -24,13 +24,13 @@ PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still th
 class WorkersLostError(Exception):
     """Workers, or the connection to them, are lost with all calls under way."""
 
-    def __init__(self, once: str, again: str) -> None:
+    def __init__(self, once: str, repeatedly: str) -> None:
         super().__init__(once)
-        self.again = again  # what to say where it happens again and again
+        self.repeatedly = repeatedly  # the message where it happens again and again
 
 
 def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[Any]:
-    """Results of calls as they are done, each drawn at its turn; WorkersLostError after a kill."""
+    """Results of calls as they are done, each drawn when due; WorkersLostError after a kill."""
     _remove_left_semaphores()
     # Loky ends a worker whose memory grows, by a cache of data or a library, and starts another.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
@@ -40,14 +40,14 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
         return_as="generator_unordered",
         batch_size=1,
         max_nbytes=None,  # nothing is large enough for a file in shared memory, which a kill leaves
-        initializer=end_with,
+        initializer=end_with_parent,
         initargs=(os.getpid(),),
     )
     try:
         with ExitStack() as stack:  # an interrupt that waited finds the results to close
             with _starting_processes():
-                asked = (joblib.delayed(call)() for call in calls)
-                results = stack.enter_context(closing(parallel(asked)))
+                delayed = (joblib.delayed(call)() for call in calls)
+                results = stack.enter_context(closing(parallel(delayed)))
                 stack.push(_silence_cancelled)
             for result in results:  # noqa: UP028, `yield from` would close them before the above
                 yield result
@@ -61,7 +61,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
-    """Hide what joblib's parts report of cancelled calls where results are given up."""
+    """Hide what joblib and its threads report of cancelled calls where results are given up."""
     if kind is None:
         return
     usual = threading.excepthook
@@ -75,8 +75,8 @@ def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
     warnings.filterwarnings("ignore", category=UserWarning, module="joblib.parallel")
 
 
-def end_with(parent: int) -> None:
-    """End this process, as loky's worker, when the one with this id has ended, even by a kill."""
+def end_with_parent(parent: int) -> None:
+    """End this process, a worker of loky, when the one with this id has ended, even by a kill."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -88,13 +88,13 @@ def end_with(parent: int) -> None:
 
 @contextmanager
 def _starting_processes() -> Iterator[None]:
-    """In the block Ctrl-C and SIGTERM wait, and processes that start never see a Ctrl-C.
+    """Delay Ctrl-C and SIGTERM in the block; processes started in it never see a Ctrl-C.
 
-    A terminal sends Ctrl-C to all of them, and one that is still importing would print a
-    traceback; this process tells them when to stop.
+    A terminal sends Ctrl-C to all processes, and one that is still importing would print a
+    traceback; this process tells the others when to stop.
     """
     for tracker in (resource_tracker, loky_tracker):
-        tracker.ensure_running()  # one that started in the block would undo it
+        tracker.ensure_running()  # started in the block, it would undo this
     with waiting_signals():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -107,15 +107,15 @@ def _starting_processes() -> Iterator[None]:
 def waiting_signals() -> Iterator[None]:
     """Delay the handlers of signals that end this process until the block is done.
 
-    A mask would not do: where another thread has none, this one still runs the handler.
+    A mask is not enough: a signal that a thread without it receives still runs the handler here.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    received: list[int] = []
 
     def note(number: int, _: FrameType | None) -> None:
-        came.append(number)
+        received.append(number)
 
     before = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -123,12 +123,12 @@ def waiting_signals() -> Iterator[None]:
     finally:
         for ending, handler in before.items():
             signal.signal(ending, handler)
-        for number in came:
+        for number in received:
             signal.raise_signal(number)
 
 
 def _remove_left_semaphores() -> None:
-    """Remove semaphores, named by process, of those killed with their resource trackers."""
+    """Remove semaphores, which name their process, of processes that were killed."""
     for path in SEMAPHORES.glob("sem.loky-*"):
         with suppress(OSError, ValueError):
             if path.stat().st_uid == os.getuid():

@@ -1,8 +1,8 @@
 """Tasks done by several processes, on this machine or on a Dask cluster.
 
-Workers are given values and give values back: they touch no file, so that a killed one leaves
-nothing behind, a cluster needs no shared disk, and only the process that holds the folder writes.
-Where they share its storage and are told so, they read and write shards themselves
+Workers get values and return values: they touch no file, so that a killed one leaves nothing
+behind, a cluster needs no shared disk, and only the process that holds the folder writes.
+Where they share its storage (``Workers.shared``), they read and write shards themselves
 (pipeline/storage/shared.py), since one process cannot carry the bytes of hundreds.
 """
 
@@ -22,7 +22,7 @@ from pipeline.parallel.processes import WorkersLostError, run_in_processes
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, version_change
 
-MOST_LOSSES = 3  # times in a row that workers may be lost before a single task is done
+MOST_LOSSES = 3  # losses of workers in a row, without a task done, that end the work
 MOST_JOBS = 1024  # processes on this machine
 SCHEDULER_WAIT = 300.0  # s in which a lost scheduler may come back, unless said otherwise
 MOST_WAIT = 1e7  # longest such wait, s: four months
@@ -34,10 +34,10 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes of this machine, or Dask's, that do tasks; a single task is done in this one."""
+    """Processes of this machine or a Dask cluster that do tasks; here a single one needs none."""
 
-    jobs: int = -1  # processes of this machine; -1: one a core
-    scheduler: str | None = None  # address of a cluster's, such as tcp://10.0.0.1:8786
+    jobs: int = -1  # processes of this machine; -1: one for each core
+    scheduler: str | None = None  # address of a Dask scheduler, such as tcp://10.0.0.1:8786
     scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
     shared: bool = False  # whether they reach folders of shards, to read and write there themselves
 
@@ -59,20 +59,22 @@ class Workers:
         """Each task with its result, as they are done, in any order.
 
         What a killed worker or a lost scheduler had in hand is done again; ProlearnError where that
-        happens again and again. ``function`` is importable on every worker; ``load`` reads here
-        what else a task needs when its turn comes.
+        happens repeatedly. ``function`` must be importable on every worker; its second argument is
+        what ``load`` reads, in this process, when the task's turn comes.
         """
-        waiting, losses, again = dict(enumerate(tasks)), 0, False
+        waiting, losses, retrying = dict(enumerate(tasks)), 0, False
         while waiting:
             try:
-                with closing(self._once(function, dict(waiting), load, again, progress)) as results:
+                with closing(
+                    self._once(function, dict(waiting), load, retrying, progress)
+                ) as results:
                     for number, result in results:
                         losses = 0
                         yield waiting.pop(number), result
             except WorkersLostError as lost:
-                losses, again = losses + 1, True
+                losses, retrying = losses + 1, True
                 if losses == MOST_LOSSES:
-                    raise ProlearnError(lost.again) from lost
+                    raise ProlearnError(lost.repeatedly) from lost
                 progress.say(str(lost))
 
     def _once(
@@ -80,12 +82,12 @@ class Workers:
         function: Callable[[Task, Content], Result],
         tasks: Mapping[int, Task],
         load: Callable[[Task], Content],
-        again: bool,
+        retrying: bool,
         progress: Progress,
     ) -> Generator[tuple[int, Result], None, None]:
         """Results by the tasks' numbers, until all are there or workers are lost."""
         jobs = joblib.effective_n_jobs(self.jobs)
-        if self.scheduler is None and (jobs == 1 or (len(tasks) == 1 and not again)):
+        if self.scheduler is None and (jobs == 1 or (len(tasks) == 1 and not retrying)):
             with threadpool_limits(1):
                 for number, task in tasks.items():
                     yield number, function(task, load(task))
@@ -97,12 +99,12 @@ class Workers:
         if self.scheduler is None:
             yield from run_in_processes(calls, jobs)
             return
-        with cluster(self.scheduler, self.scheduler_wait, again, progress) as workers:
+        with cluster(self.scheduler, self.scheduler_wait, retrying, progress) as workers:
             yield from workers.results(calls)
 
 
 def _loaded(load: Callable[[Task], Content], task: Task) -> Content | Exception:
-    """What a task needs; joblib asks for it in a thread where an error would go unnoticed."""
+    """The content of a task; or the error, unnoticed if raised in the thread where joblib loads."""
     try:
         return load(task)
     except Exception as error:
@@ -118,12 +120,12 @@ def _call(
     """In a worker: one task on one thread; an error in loading is raised here."""
     if isinstance(content, Exception):
         raise content
-    threadpool_limits(1)  # for good, since threads of a worker share it; sums must not depend on it
+    threadpool_limits(1)  # for good, since a worker's threads share it; it must not change sums
     return number, function(task, content)
 
 
 def check_worker(expected: Mapping[str, str], decided_by: DecidedBy) -> None:
-    """In a worker: refuse other versions than the process that asked for the work has."""
+    """In a worker: ProlearnError where versions differ from those where the work was begun."""
     try:
         change = version_change(expected, made_with(*decided_by))
     except PackageNotFoundError as error:

@@ -1,4 +1,4 @@
-"""A folder of files, on this machine or wherever else a URL leads."""
+"""A folder of files, on this machine or behind a URL."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -17,22 +17,22 @@ from pipeline.text import public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
 
-# Schemes that Arrow alone reads; of abfs, fsspec also takes an account from the environment
-ARROWS = ("s3", "gs", "gcs", "hdfs", "viewfs")
-GCS_SECONDS = 30  # of tries, which no signal ends and Arrow by itself goes on with for minutes
+# Schemes left to Arrow; not abfs, for which fsspec also takes an account from the environment
+ARROW_SCHEMES = ("s3", "gs", "gcs", "hdfs", "viewfs")
+GCS_SECONDS = 30  # of retries, which no signal ends and which Arrow continues for minutes
 
-WITHOUT_FOLDERS = ("s3", "gcs", "abfs")  # Arrow's filesystems in which names have slashes, no more
+WITHOUT_FOLDERS = ("s3", "gcs", "abfs")  # Arrow's filesystems where no folder need be created
 
 Stamp = tuple[int, int]  # size in bytes and time of the last change in ns
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Files by their name inside a folder; no message has the secrets of its URL."""
+    """A folder whose files are named by their path in it; no message has its URL's secrets."""
 
     url: str = field(repr=False)  # path or URL as it was given, secrets included
     files: Any = field(repr=False)  # Arrow's filesystem below the folder
-    local: Path | None = None  # on this machine, where files can be renamed and locked
+    local: Path | None = None  # its path if on this machine, where files can be locked
 
     def __str__(self) -> str:
         return str(self.local or public_url(self.url))
@@ -41,13 +41,13 @@ class Folder:
         """What is wrong, without the secrets of the folder's URL."""
         return _reason(error, self.url)
 
-    def is_there(self) -> bool:
+    def is_present(self) -> bool:
         """Whether the folder exists."""
         return self._info("").type == fs.FileType.Directory
 
     def names(self) -> list[str]:
         """Every finished file in it and below, sorted."""
-        if self.local:  # not by Arrow, which follows links to folders, round in circles too
+        if self.local:  # not by Arrow, which follows links to folders, even in endless circles
             paths = [path for path in self.local.rglob("*") if path.is_file()]
             found = [path.relative_to(self.local).as_posix() for path in paths]
         else:
@@ -55,7 +55,7 @@ class Folder:
             with self._reaching():
                 infos = [info for info in self.files.get_file_info(every) if info.is_file]
             found = [info.path.lstrip("/") for info in infos]
-            if self.url.startswith(("http://", "https://")):  # whose names are parts of links
+            if self.url.startswith(("http://", "https://")):  # where names are parts of links
                 found = [unquote(name) for name in found]
         return sorted(name for name in found if not unfinished(Path(name)))
 
@@ -87,8 +87,8 @@ class Folder:
     def publish(self, name: str, content: bytes) -> None:
         """Write a file: on this machine by a rename, whole and flushed, elsewhere by one put.
 
-        On object stores a put makes a file visible, whole. Other stores have no atomic rename that
-        Arrow reaches: a file may be seen half written, and its digest is then not the manifest's.
+        On object stores a put makes the whole file visible at once. For other stores Arrow has no
+        atomic rename: a half-written file may be seen, whose digest is then not the manifest's.
         ProlearnError where the folder cannot be written to; what was there is intact.
         """
         with self._writing(name):
@@ -137,7 +137,7 @@ class Folder:
         """Turn errors of libraries into ProlearnErrors or OSErrors without the URL's secrets."""
         try:
             yield
-        except NotImplementedError:  # as of the web, which is read alone
+        except NotImplementedError:  # as of the web, which can only be read
             raise InputError(
                 f"{self} is of a kind that cannot be written to; expected a folder, or a bucket "
                 "such as s3://bucket/folder: give one of these."
@@ -185,14 +185,14 @@ def _local_path(url: str) -> Path:
 
 def _filesystem(url: str) -> tuple[Any, str]:
     """Arrow's own filesystem for a URL, or else fsspec's, and the folder's path there."""
-    scheme, asked = url.partition("://")[0], url
+    scheme, limited = url.partition("://")[0], url
     if scheme in ("gs", "gcs") and "retry_limit_seconds=" not in url:
-        asked += f"{'&' if '?' in url else '?'}retry_limit_seconds={GCS_SECONDS}"
+        limited += f"{'&' if '?' in url else '?'}retry_limit_seconds={GCS_SECONDS}"
     try:
         try:
-            return fs.FileSystem.from_uri(asked)
+            return fs.FileSystem.from_uri(limited)
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            if scheme in ARROWS and isinstance(error, pa.ArrowInvalid):
+            if scheme in ARROW_SCHEMES and isinstance(error, pa.ArrowInvalid):
                 raise InputError(
                     f"{public_url(url)} is no URL that pyarrow reads ({_reason(error, url)}); "
                     "expected one with settings that pyarrow knows."
@@ -216,6 +216,6 @@ def _filesystem(url: str) -> tuple[Any, str]:
 
 
 def _reason(error: Exception, url: str) -> str:
-    """What the operating system, or a store, says is wrong, without the secrets of a URL."""
+    """The first line of an error of the operating system or a store, without a URL's secrets."""
     text = getattr(error, "strerror", None) or str(error)
     return public(next(iter(text.strip().splitlines()), type(error).__name__), url)

@@ -1,4 +1,4 @@
-"""Writing a folder of shards: one writer at a time publishes them and commits to the manifest."""
+"""Writing of a folder of shards, by one process at a time, and of the manifest that lists them."""
 
 import json
 import os
@@ -28,18 +28,18 @@ from pipeline.storage.folder import Folder, Stamp
 from pipeline.storage.shared import work_on
 
 TIMED_SCHEMA = "prolearn.timings/1"
-COMMIT_SHARE = 0.1  # most of the time that may go into commits of the manifest
+COMMIT_SHARE = 0.1  # largest share of the time that may go into commits of the manifest
 
 
 def write_checked(folder: Folder, name: str, fields: Mapping[str, Any], copy: str = "") -> None:
-    """Publish a JSON document with its checksum, and then its copy if it shall have one."""
+    """Publish a JSON document with its checksum, and then a copy if a name is given for it."""
     content = (json.dumps(with_checksum(fields), indent=1) + "\n").encode()
-    for one in filter(None, (name, copy)):
-        folder.publish(one, content)
+    for path in filter(None, (name, copy)):
+        folder.publish(path, content)
 
 
 def read_checked(folder: Folder, name: str) -> dict[str, Any]:
-    """The fields of a JSON document; OSError or ValueError where it is not as it was written."""
+    """The fields of a JSON document; OSError or ValueError where it is unreadable or damaged."""
     fields = parse_json(folder.read(name))
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
@@ -84,81 +84,81 @@ Kind = TypeVar("Kind", bound=ShardManifest)
 
 
 class Ledger(Generic[Kind]):
-    """The manifest of a folder that is being written, kept in step with its shards."""
+    """The manifest of a folder that is being written, kept up to date with its shards."""
 
     def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
         self.folder, self._about, self._progress = folder, replace(manifest, shards={}), progress
         # SHA-256 of each shard, by its path: grows in place, since a folder may have very many.
         self.shards = dict(manifest.shards)
-        known = read_timed(folder) if folder.exists(storage.TIMED) else {}
+        known = read_timing_digests(folder) if folder.exists(storage.TIMED) else {}
         # SHA-256 of each shard of timings, by the path of the shard that they belong to.
-        self.timed = dict(known or {})
+        self.timing_digests = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
-        self._outgrown: dict[str, str] = {}  # digests of intact shards to be overwritten
+        self._overwritable: dict[str, str] = {}  # digests of intact shards to be overwritten
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
-        self._not_before = -float("inf")
+        self._next_commit = -float("inf")
 
     @property
     def manifest(self) -> Kind:
-        """The manifest with its present shards, as a copy: ask ``shards`` for single ones."""
+        """A copy of the manifest with its present shards; for single ones use ``shards``."""
         return replace(self._about, shards=dict(self.shards))
 
     def is_sound(self, name: str) -> bool:
-        """Whether a shard has the digest in the manifest; read only if it may have changed."""
+        """Whether a shard has the digest in the manifest; read only where it may have changed."""
         known = self.shards.get(name)
         if known is None:
             return False
         stamp = self.folder.stamp(name)
         if stamp is not None and self._stamps.get(name) == [*stamp, known]:
             return True
-        sound = _holds(self.folder, name, known)
+        sound = _has_digest(self.folder, name, known)
         if sound and stamp is not None:
             self._stamps[name] = [*stamp, known]
         return sound
 
-    def publish(self, made: "NewShard") -> None:
+    def publish(self, shard: "NewShard") -> None:
         """Write a shard, unless a worker has, and its timings; drop its derived one if it changed.
 
         Timings differ each time that a shard is made, so no worker writes them: one that was taken
         for lost would replace those that the ledger knows. Shards are the same whoever writes them.
         """
-        name, content = made.name, made.content
-        if made.timings is not None:
-            self.folder.publish(storage.TIMINGS + name, made.timings)
-            self.timed[name] = shards.digest_of(made.timings)
+        name, content = shard.name, shard.content
+        if shard.timings is not None:
+            self.folder.publish(storage.TIMINGS + name, shard.timings)
+            self.timing_digests[name] = shards.digest_of(shard.timings)
         if isinstance(content, bytes):
-            outgrown = self._outgrown.pop(name, "")
-            content = write(self.folder, name, content, outgrown)
-        for sentence in content.said:
-            self._progress.say(sentence)
+            content = write(self.folder, name, content, self._overwritable.pop(name, ""))
+        for notice in content.notices:
+            self._progress.say(notice)
         if self.shards.get(name, content.digest) != content.digest:
-            self.drop([made.derived])
+            self.drop([shard.derived])
         self.shards[name] = content.digest
         if content.stamp is not None:
             self._stamps[name] = [*content.stamp, content.digest]
-        if monotonic() >= self._not_before:
+        if monotonic() >= self._next_commit:
             self.commit()
 
     def adopt(self, name: str, most: shards.Size, fits: Callable[[pa.Table], bool]) -> bool:
-        """Add a shard that a killed run did not commit, if it is whole and belongs in its place."""
+        """Add a shard that a killed run did not commit, if it is intact and ``fits`` its place."""
         try:
             content, timings = self.folder.read(name), self.folder.read(storage.TIMINGS + name)
             table = shards.decode(content, most)
             belongs_to = (shards.decode(timings, most).schema.metadata or {}).get(shards.TIMED_KEY)
-            whole = fits(table) and shards.encode(table) == content  # not every byte has a checksum
+            # Encoded again, since not every byte has a checksum.
+            intact = fits(table) and shards.encode(table) == content
         except (OSError, InputError):
             return False
         digest = shards.digest_of(content)
-        if not whole or belongs_to != digest.encode():
+        if not intact or belongs_to != digest.encode():
             return False
         self.shards[name] = digest
-        self.timed[name] = shards.digest_of(timings)
+        self.timing_digests[name] = shards.digest_of(timings)
         return True
 
-    def outgrow(self, name: str) -> None:
-        """Mark an intact shard to be overwritten by a longer one, not set aside as damaged."""
-        self._outgrown[name] = self.shards[name]
+    def allow_overwriting(self, name: str) -> None:
+        """Let a longer shard overwrite this intact one, which is then not set aside as damaged."""
+        self._overwritable[name] = self.shards[name]
 
     def drop(self, names: Iterable[str]) -> None:
         """Drop shards from the manifest."""
@@ -167,10 +167,11 @@ class Ledger(Generic[Kind]):
 
     def commit(self) -> None:
         """Write the manifest, the digests of timings and the stamps, where they have changed."""
-        started, now = monotonic(), (self.manifest, dict(self.timed), dict(self._stamps))
-        manifest, timed, stamps = self._committed
-        if self.timed != timed:
-            fields = {"schema": TIMED_SCHEMA, "shards": dict(sorted(self.timed.items()))}
+        started = monotonic()
+        now = self.manifest, dict(self.timing_digests), dict(self._stamps)
+        manifest, digests, stamps = self._committed
+        if self.timing_digests != digests:
+            fields = {"schema": TIMED_SCHEMA, "shards": dict(sorted(now[1].items()))}
             write_checked(self.folder, storage.TIMED, fields)
         if now[0] != manifest:
             write_checked(self.folder, storage.MANIFEST, now[0].fields(), storage.COPY)
@@ -178,33 +179,33 @@ class Ledger(Generic[Kind]):
             text = json.dumps(self._stamps, indent=1) + "\n"
             self.folder.publish(storage.STAMPS, text.encode())
         self._committed, ended = now, monotonic()
-        self._not_before = ended + (ended - started) / COMMIT_SHARE
+        self._next_commit = ended + (ended - started) / COMMIT_SHARE
 
 
 @dataclass(frozen=True)
-class Written:
-    """A shard that is in its place: what a ledger needs to know of it."""
+class WrittenShard:
+    """What a ledger needs to know of a shard that has been written."""
 
     digest: str
     stamp: Stamp | None
-    said: Sequence[str] = ()  # sentences for the user
+    notices: Sequence[str] = ()  # sentences for the user
 
 
-def write(folder: Folder, name: str, content: bytes, outgrown: str = "") -> Written:
+def write(folder: Folder, name: str, content: bytes, overwritable: str = "") -> WrittenShard:
     """Write a shard, unless it is there; another file of its name is set aside as damaged.
 
-    A file of the digest ``outgrown`` is overwritten instead.
+    A file of the digest ``overwritable`` is overwritten instead.
     """
-    digest, there = shards.digest_of(content), folder.exists(name)
-    said = []
-    if not (there and _holds(folder, name, digest)):
-        if there and not (outgrown and _holds(folder, name, outgrown)):
-            said.append(set_aside(folder, name))
+    digest, exists = shards.digest_of(content), folder.exists(name)
+    notices = []
+    if not (exists and _has_digest(folder, name, digest)):
+        if exists and not (overwritable and _has_digest(folder, name, overwritable)):
+            notices.append(set_aside(folder, name))
         folder.publish(name, content)
-    return Written(digest, folder.stamp(name), said)
+    return WrittenShard(digest, folder.stamp(name), notices)
 
 
-def _holds(folder: Folder, name: str, digest: str) -> bool:
+def _has_digest(folder: Folder, name: str, digest: str) -> bool:
     try:
         return shards.digest_of(folder.read(name)) == digest
     except OSError:
@@ -216,10 +217,10 @@ class NewShard:
     """A shard that a worker has made."""
 
     name: str
-    content: bytes | Written
+    content: bytes | WrittenShard
     timings: bytes | None = None
     derived: str = ""  # name of the shard that is made from this one
-    failed: int | None = None  # rows without result
+    failed: int | None = None  # number of rows without a result
 
 
 @runtime_checkable
@@ -244,57 +245,59 @@ def write_shards(
 ) -> None:
     """Make shards on workers and publish each as soon as it is done.
 
-    ``make`` gets a task and the content of the shard, if any, that is its ``source``.
+    ``make`` gets a task and the content of its source, the shard, if any, that ``source`` names.
     """
     progress.expect(sum(len(task.rows) for task in tasks))
     sources = zip(tasks, map(source, tasks), strict=True)
-    known = [(task, name, ledger.shards.get(name, "")) for task, name in sources]
-    function = partial(_made, make)
-    made = work_on(ledger.folder, workers, function, known, _read, progress, _written)
+    with_source = [(task, name, ledger.shards.get(name, "")) for task, name in sources]
+    function = partial(_make, make)
+    made = work_on(ledger.folder, workers, function, with_source, _read, progress, _written)
     with closing(made) as results:
         for (task, *_), shard in results:
             ledger.publish(shard)
             progress.done(len(task.rows), failed=shard.failed)
 
 
-Known = tuple[Task, str, str]
-"""A task, and the path and digest of the shard that it is made of, or nothing."""
+Sourced = tuple[Task, str, str]
+"""A task with the path and digest of its source, both empty without one."""
 
 
-def _made(make: Callable[[Task, bytes], NewShard], known: Known[Task], content: bytes) -> NewShard:
-    return make(known[0], content)
+def _make(
+    make: Callable[[Task, bytes], NewShard], sourced: Sourced[Task], content: bytes
+) -> NewShard:
+    return make(sourced[0], content)
 
 
-def _read(folder: Folder, known: Known[Task]) -> bytes:
-    _, name, digest = known
+def _read(folder: Folder, sourced: Sourced[Task]) -> bytes:
+    _, name, digest = sourced
     with error_context(f"{name} in {folder}"):
         return shards.verified(shards.read_content(folder, name), digest) if name else b""
 
 
-def _written(folder: Folder, made: NewShard) -> NewShard:
-    """In a worker that shares the folder: the shard as the ledger needs to know it."""
-    if isinstance(made.content, bytes):
-        return replace(made, content=write(folder, made.name, made.content))
-    return made
+def _written(folder: Folder, shard: NewShard) -> NewShard:
+    """In a worker that shares the folder: write the shard, whose bytes need not travel then."""
+    if isinstance(shard.content, bytes):
+        return replace(shard, content=write(folder, shard.name, shard.content))
+    return shard
 
 
-def set_aside(folder: Folder, name: str, top: str = storage.DAMAGED) -> str:
-    """Move a file out of the way of readers, under a new name; a sentence that says so."""
-    names = (f"{top}{name}.{number}" for number in count(1))
-    aside = next(one for one in names if not folder.exists(one))
-    folder.move(name, aside)
-    return f"{name} in {folder} is set aside as {aside}."
+def set_aside(folder: Folder, name: str, below: str = storage.DAMAGED) -> str:
+    """Move a file under a new name to where readers pass over it; a sentence that says so."""
+    names = (f"{below}{name}.{number}" for number in count(1))
+    new_name = next(free for free in names if not folder.exists(free))
+    folder.move(name, new_name)
+    return f"{name} in {folder} is set aside as {new_name}."
 
 
 @contextmanager
 def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
-    """Hold a folder for writing, and remove the unfinished files of killed writers.
+    """Lock a folder for writing, and remove the unfinished files of killed writers.
 
-    The lock is the operating system's, so it ends with its holder, however that ends. Object stores
-    have none: two runs there both finish, with identical bytes.
+    The lock is the operating system's, so it ends with its process, however that ends. Object
+    stores have none: two runs there both finish, with identical bytes.
 
-    ``owned`` is the pattern of the files that its writers make; unfinished files of other names are
-    somebody else's, and stay. InputError where another process holds it.
+    ``owned`` is the pattern of the files that writers of such folders make; unfinished files of
+    other names are somebody else's, and stay. InputError where another process has the lock.
     """
     if folder.local is None:
         yield
@@ -302,8 +305,8 @@ def sole_writer(folder: Folder, owned: str) -> Iterator[None]:
     top, ours = folder.local, re.compile(f"{storage.WRITTEN}|{owned}")
     with _locked(folder, top):
         for path in [path for place in storage.PLACES for path in top.glob(f"{place}.*.tmp")]:
-            whole = unfinished(path)
-            if whole and ours.fullmatch(whole.relative_to(top).as_posix()) and path.is_file():
+            final = unfinished(path)
+            if final and ours.fullmatch(final.relative_to(top).as_posix()) and path.is_file():
                 with suppress(ProlearnError):  # a worker of a killed client may just finish it
                     folder.remove(path.relative_to(top).as_posix())
         now = datetime.now().astimezone().isoformat(timespec="seconds")
@@ -350,12 +353,12 @@ def committed(ledger: Ledger[Kind]) -> Iterator[Ledger[Kind]]:
 def open_ledger(
     folder: Folder, owned: str, begin: Callable[[], Kind], progress: Progress
 ) -> Iterator[Ledger[Kind]]:
-    """The ledger of a folder held for writing, whose manifest ``begin`` gives once it is held."""
+    """The ledger of a folder locked for writing; ``begin`` gives its manifest after the lock."""
     with sole_writer(folder, owned), committed(Ledger(folder, begin(), progress)) as ledger:
         yield ledger
 
 
-def read_timed(folder: Folder) -> dict[str, str] | None:
+def read_timing_digests(folder: Folder) -> dict[str, str] | None:
     """Digests of timings by the path of their shard, or None where they cannot be read."""
     try:
         fields = read_checked(folder, storage.TIMED)
@@ -365,7 +368,7 @@ def read_timed(folder: Folder) -> dict[str, str] | None:
 
 
 def _read_stamps(folder: Folder) -> dict[str, list[int | str]]:
-    """The stamps of shards; none where they are missing or damaged, so that shards are read."""
+    """The stamps of shards; none if missing or damaged, and each shard is then read."""
     try:
         found = parse_json(folder.read(storage.STAMPS))
     except (OSError, ValueError):

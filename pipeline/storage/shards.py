@@ -15,10 +15,10 @@ from pipeline.errors import InputError
 from pipeline.storage.folder import Folder
 
 TEXT_COLUMNS = ("family", "split", "status")
-METADATA_KEY = b"prolearn"  # in the schema's metadata: all that decides the rows, as JSON
+METADATA_KEY = b"prolearn"  # in the schema's metadata: all that determines the rows, as JSON
 TIMED_KEY = b"prolearn_shard"  # metadata of timings: the SHA-256 of their shard
 
-# Most that a row takes beside its lists, and each value of a list, before compression
+# Most bytes of a row without its lists, and of each value of a list, before compression
 ROW_BYTES, VALUE_BYTES = 2**16, 32
 
 
@@ -44,16 +44,18 @@ def encode(table: pa.Table) -> bytes:
 
 
 def decode(
-    content: bytes, most: Size, columns: Sequence[str] | None = None, *, again: bool = False
+    content: bytes, most: Size, columns: Sequence[str] | None = None, *, trusted: bool = False
 ) -> pa.Table:
     """The table in a shard's bytes; InputError where they are damaged or hold too much.
 
-    ``again`` says that these very bytes, by their digest, were decoded before: their checks, which
-    take longer than reading, are then left out.
+    ``trusted`` says that bytes of the same digest were decoded before: the checks, which take
+    longer than reading, are then left out.
     """
     try:
-        with pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=not again) as file:
-            if not again:
+        with pq.ParquetFile(
+            pa.BufferReader(content), page_checksum_verification=not trusted
+        ) as file:
+            if not trusted:
                 _refuse_larger(sound_metadata(file, most.rows), most)
                 _refuse_long_texts(content, file.schema_arrow, most)
                 _refuse_contradiction(file)
@@ -65,7 +67,7 @@ def decode(
 
 
 def read_content(folder: Folder, name: str) -> bytes:
-    """A shard's bytes; the InputError where they cannot be read leaves out its name."""
+    """A shard's bytes; InputError, which does not name it, where they cannot be read."""
     try:
         return folder.read(name)
     except OSError as error:
@@ -73,7 +75,7 @@ def read_content(folder: Folder, name: str) -> bytes:
 
 
 def verified(content: bytes, digest: str) -> bytes:
-    """A shard's bytes, verified by their digest; InputError where it is another."""
+    """A shard's bytes, verified by their digest; InputError where that differs."""
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
     return content
@@ -85,12 +87,12 @@ def digest_of(content: bytes) -> str:
 
 
 def metadata_of(fields: Mapping[str, Any]) -> dict[bytes, bytes]:
-    """The schema metadata of a shard with all that decides its rows."""
+    """The schema metadata of a shard, with all that determines its rows."""
     return {METADATA_KEY: json.dumps(fields, sort_keys=True, default=str).encode()}
 
 
 def read_metadata(table: pa.Table) -> dict[str, Any]:
-    """All that decided a shard's rows, from its schema metadata; InputError where unreadable."""
+    """All that determined a shard's rows, from its schema metadata; InputError if unreadable."""
     try:
         return dict(parse_json((table.schema.metadata or {})[METADATA_KEY]))
     except (KeyError, TypeError, ValueError) as error:
@@ -103,10 +105,10 @@ def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
 
 
 def sound_metadata(file: pq.ParquetFile, most_rows: int) -> pq.FileMetaData:
-    """The metadata of a file whose columns a reader has met; InputError for more rows.
+    """The metadata of a file whose columns are read once; InputError for more rows.
 
-    pyarrow 25 ends the process where a column's statistics are asked for and contradict each other,
-    unless a reader meets them first, which raises.
+    pyarrow 25 ends the process where a column's statistics are asked for and contradict each other;
+    where the column is read first, it raises.
     """
     metadata = file.metadata
     rows, groups = metadata.num_rows, metadata.num_row_groups
@@ -117,7 +119,7 @@ def sound_metadata(file: pq.ParquetFile, most_rows: int) -> pq.FileMetaData:
 
 
 def text_bytes(content: bytes, schema: pa.Schema) -> int:
-    """Size in memory of all texts of a file, which may hold one text once for millions of rows."""
+    """Size in memory of all texts of a file, which may store a text of millions of rows once."""
     text = (pa.types.is_string, pa.types.is_large_string)
     names = [field.name for field in schema if any(fits(field.type) for fits in text)]
     with pq.ParquetFile(pa.BufferReader(content), read_dictionary=names) as file:
@@ -148,7 +150,7 @@ def _refuse_long_texts(content: bytes, schema: pa.Schema, most: Size) -> None:
 
 
 def _refuse_contradiction(file: pq.ParquetFile) -> None:
-    """Refuse a footer whose two copies of the metadata, for all readers and for Arrow, differ."""
+    """Refuse a footer whose copies of the metadata, for all readers and for Arrow, differ."""
     for_all, for_arrow = file.metadata.metadata or {}, file.schema_arrow.metadata or {}
     if any(for_all.get(key) != for_arrow.get(key) for key in (METADATA_KEY, TIMED_KEY)):
         raise InputError("is damaged: the two copies of its metadata differ")

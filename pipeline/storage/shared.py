@@ -1,4 +1,4 @@
-"""A folder on storage that all workers share, which they read and write themselves."""
+"""Work on a folder of shards, which workers that share its storage read and write themselves."""
 
 import socket
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -24,14 +24,14 @@ _open = lru_cache(maxsize=8)(open_folder)  # a store is connected to once, not f
 
 @dataclass(frozen=True)
 class Shared:
-    """A folder for workers to open, with a file that tells it from another of the same name."""
+    """A folder for workers to open, with a mark by which they know that it is the same one."""
 
     url: str = field(repr=False)  # path or URL, secrets included
-    mark: str  # file that is there for as long as the work is wanted
+    mark: str  # name of a file that exists as long as the work is wanted
 
     def opened(self) -> Folder:
-        """In a worker: the folder; InputError where it is not the one that was marked."""
-        reason = "what is there is another one, or none"
+        """In a worker: the folder; InputError where it does not have the mark."""
+        reason = "what is there, if anything, is another folder"
         try:
             folder = _open(self.url)
             if folder.exists(self.mark):
@@ -46,7 +46,7 @@ class Shared:
 
 @contextmanager
 def shared(folder: Folder) -> Iterator[Shared]:
-    """A folder for workers to open, with a mark in it for the block; without one they refuse.
+    """A folder for workers to open, which has a mark in the block; without it they refuse.
 
     The mark has the name of an unfinished file, so that readers pass over it, and the next writer
     removes that of a killed one.
@@ -69,20 +69,22 @@ def work_on(
     progress: Progress,
     write: Callable[[Folder, Result], Result] | None = None,
 ) -> Generator[tuple[Task, Result], None, None]:
-    """Results as of ``Workers.work``, with what ``read`` finds in a folder for each task.
+    """Results as of ``Workers.work``, where ``read`` loads the content of each task from a folder.
 
-    Workers that share the folder read there themselves, and may ``write`` the result.
+    Workers that share the folder read there themselves, and ``write`` the result if that is given.
     """
     with ExitStack() as stack:
         if workers.shared:
-            there = partial(_done_there, stack.enter_context(shared(folder)), read, function, write)
-            results = workers.work(there, tasks, lambda _: None, progress)
+            in_worker = partial(
+                _read_work_write, stack.enter_context(shared(folder)), read, function, write
+            )
+            results = workers.work(in_worker, tasks, lambda _: None, progress)
         else:
             results = workers.work(function, tasks, partial(read, folder), progress)
         yield from stack.enter_context(closing(results))
 
 
-def _done_there(
+def _read_work_write(
     where: Shared,
     read: Callable[[Folder, Task], Content],
     function: Callable[[Task, Content], Result],
@@ -91,5 +93,5 @@ def _done_there(
     _: None,
 ) -> Result:
     result = function(task, read(where.opened(), task))
-    # Opened again: without its mark, which goes with the client, a folder is not written to.
+    # Opened again: once its mark is gone, as after the client's end, a folder is not written to.
     return result if write is None else write(where.opened(), result)

@@ -1,4 +1,4 @@
-"""Tables of pandas as the bytes of Parquet files, which are checked before they are read."""
+"""Pandas tables as the bytes of Parquet files, which are checked before they are read."""
 
 import pandas as pd
 import pyarrow as pa
@@ -31,8 +31,8 @@ def table_from(content: bytes) -> pd.DataFrame:
     table = decode(content, Size(MOST_CELLS, MOST_CELLS))
     try:
         return table.to_pandas()
-    except Exception as error:  # of any kind, where nonsense stands in the metadata for pandas
-        raise InputError(f"it is no table of pandas ({error})") from error
+    except Exception as error:  # of any kind, where the metadata for pandas are nonsense
+        raise InputError(f"it is no pandas table ({error})") from error
 
 
 def _check_size(content: bytes) -> None:

@@ -32,39 +32,40 @@ def fresh_draws(family: str, seed: int, n: int, problem: Problem, count: int) ->
     return ExampleStream(problem, n, count, count, 1, read, endless=True)
 
 
-DRAWN = 200  # scenarios drawn between reports of progress
+DRAWN_AT_ONCE = 200  # scenarios drawn between reports of progress
 
 
-@lru_cache(maxsize=1)  # the first pass is looked at several times
+@lru_cache(maxsize=1)  # the first pass is read several times
 def _drawn(
-    family: str, seed: int, n: int, problem: Problem, which: range, progress: Progress = SILENT
+    family: str, seed: int, n: int, problem: Problem, indices: range, progress: Progress = SILENT
 ) -> Examples:
     ends = []
-    progress.expect(len(which))
-    for some in (which[k : k + DRAWN] for k in range(0, len(which), DRAWN)):
-        drawn = draw_many(family, seed, n, [("train", index) for index in some], problem)
-        ends += [(one.initial, one.goal) for one in drawn]
-        progress.done(len(some), note=f"{family} scenarios drawn")
+    progress.expect(len(indices))
+    for k in range(0, len(indices), DRAWN_AT_ONCE):
+        batch = [("train", index) for index in indices[k : k + DRAWN_AT_ONCE]]
+        drawn = draw_many(family, seed, n, batch, problem)
+        ends += [(scenario.initial, scenario.goal) for scenario in drawn]
+        progress.done(len(batch), note=f"{family} scenarios drawn")
     return Examples(problem, *map(np.stack, zip(*ends, strict=True)))
 
 
 def joined(first: ExampleSource, second: Examples) -> ExampleSource:
-    """Solved examples, then others without plans: NaN in memory, or the last part of a stream."""
+    """Solved examples, then others without plans: as NaN in memory, or as a stream's last part."""
     if isinstance(first, ExampleStream):
         last = first.part_count
 
         def read(part: int) -> Examples:
             return second if part == last else first.read(part)
 
-        both = len(first) + len(second)
-        return replace(first, count=both, part_count=last + 1, read=read)
-    assert first.states is not None, "those of a dataset are solved"
-    none = np.full((len(second), *first.states.shape[1:]), np.nan)
+        count = len(first) + len(second)
+        return replace(first, count=count, part_count=last + 1, read=read)
+    assert first.states is not None, "examples of a dataset are solved"
+    unplanned = np.full((len(second), *first.states.shape[1:]), np.nan)
     return Examples(
         first.problem,
         np.concatenate([first.initial, second.initial]),
         np.concatenate([first.goal, second.goal]),
-        np.concatenate([first.states, none]),
+        np.concatenate([first.states, unplanned]),
     )
 
 
@@ -79,24 +80,24 @@ def sources(
 ) -> tuple[ExampleSource, ExampleSource]:
     """Training and validation examples of a recipe.
 
-    The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios, drawn
-    like it from the seed, or its ``crowded`` adds some, of which ``progress`` is told; the test
-    split stays untouched. Each of the two may take so many bytes of memory; what is larger streams.
-    InputError where there is no dataset, the size is not in it, it is not solved, or no instance of
-    a split that is needed is.
+    The recipe's ``draws`` replace the training split of a solved dataset by fresh scenarios of its
+    family, drawn from the seed; ``crowded`` adds dense ones, whose draws ``progress`` reports. The
+    test split stays untouched. Either source may take ``memory`` bytes; a larger one is streamed.
+    InputError where there is no dataset, it lacks the size, or a split that is needed has no solved
+    instance.
     """
     manifest = read_manifest(data)
-    refuse_orbit(manifest.problem)  # before the draws below, which take minutes
+    refuse_other_orbits(manifest.problem)  # before the draws below, which take minutes
     if recipe.draws:
         valid = solved_examples(data, n, "valid", memory)
         family = manifest.samples[n].family
         return fresh_draws(family, seed, n, valid.problem, recipe.draws), valid
-    learn = solved_examples(data, n, "train", memory)
+    train = solved_examples(data, n, "train", memory)
     valid = solved_examples(data, n, "valid", memory)
     if not recipe.crowded:
-        return learn, valid
-    which = range(recipe.crowded)
-    return joined(learn, _drawn("dense", seed, n, valid.problem, which, progress)), valid
+        return train, valid
+    indices = range(recipe.crowded)
+    return joined(train, _drawn("dense", seed, n, valid.problem, indices, progress)), valid
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,22 +110,22 @@ class Prepared:
         return len(next(iter(self.tensors.values())))
 
     def at(self, rows: Int[Tensor, "b"]) -> "Prepared":
-        """Some of them, in any order."""
-        # Copies whole instances, where an index in brackets would copy number by number.
+        """Some examples, in any order."""
+        # Copies whole instances, while an index in brackets would copy number by number.
         return Prepared({name: t.index_select(0, rows) for name, t in self.tensors.items()})
 
     def joined(self, other: "Prepared") -> "Prepared":
-        """These instances and others after them."""
+        """These examples and others after them."""
         return Prepared({k: torch.cat([t, other.tensors[k]]) for k, t in self.tensors.items()})
 
     def shuffled(self, size: int, order: torch.Generator) -> Iterator["Prepared"]:
-        """All of them once, in random batches."""
+        """All examples once, in random batches."""
         device = next(iter(self.tensors.values())).device
         rows = torch.randperm(len(self), generator=order).to(device)
         return (self.at(part) for part in torch.split(rows, size))
 
     def in_order(self, size: int) -> Iterator["Prepared"]:
-        """All of them once, in batches."""
+        """All examples once, in batches."""
         for k in range(0, len(self), size):
             yield Prepared({name: t[k : k + size] for name, t in self.tensors.items()})
 
@@ -139,23 +140,25 @@ class Preparation:
 
     def of(self, examples: Examples) -> Prepared:
         """The examples, prepared, on the device; InputError where it lacks their precision."""
-        given = swarms(examples.problem, examples.initial, examples.goal, examples.states)
-        batch = self.architecture.prepare(given, self.encoding)
-        if self.device.type == "mps" and torch.float64 in {t.dtype for t in batch.values()}:
+        batch = swarms(examples.problem, examples.initial, examples.goal, examples.states)
+        tensors = self.architecture.prepare(batch, self.encoding)
+        if self.device.type == "mps" and torch.float64 in {t.dtype for t in tensors.values()}:
             raise InputError(
-                "device is mps, which has no float64, and this network learns in it; expected cpu "
-                "or cuda."
+                "device is mps, which has no float64, and this network is trained in float64; "
+                "expected cpu or cuda."
             )
-        return Prepared({name: tensor.to(self.device) for name, tensor in batch.items()})
+        return Prepared({name: tensor.to(self.device) for name, tensor in tensors.items()})
 
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """Examples that are prepared part by part as every pass reads or draws them."""
+    """Examples that each pass reads or draws, and prepares, part by part."""
 
     source: ExampleStream
     preparation: Preparation
-    passes: Iterator[int] = field(default_factory=count)  # of an endless source, those to come
+    passes: Iterator[int] = field(
+        default_factory=count
+    )  # numbers of an endless source's next parts
 
     def __len__(self) -> int:
         return len(self.source)
@@ -180,7 +183,7 @@ class Streamed:
             yield from held.shuffled(size, order)
 
     def in_order(self, size: int) -> Iterator[Prepared]:
-        """All of them once, in batches that end with each part."""
+        """All examples once, in batches that each lie in one part."""
         for examples in self.source.parts():
             yield from self.preparation.of(examples).in_order(size)
 
@@ -189,14 +192,14 @@ Batches = Prepared | Streamed
 
 
 def batches(source: ExampleSource, preparation: Preparation) -> Batches:
-    """Examples that are in memory, prepared once; others, prepared as they are read or drawn."""
+    """Examples in memory, prepared once; or a stream's, prepared as they are read or drawn."""
     if isinstance(source, ExampleStream):
         return Streamed(source, preparation)
     return preparation.of(source)
 
 
-def refuse_orbit(problem: Problem) -> None:
-    """Refuse training data about another orbit than a circle with an InputError."""
+def refuse_other_orbits(problem: Problem) -> None:
+    """Raise InputError for training data about any reference orbit but a circle."""
     if problem.orbit is not None:
         raise InputError(
             "the training examples are about a reference orbit with eccentricity or perturbations; "
@@ -205,7 +208,7 @@ def refuse_orbit(problem: Problem) -> None:
 
 
 def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
-    """Refuse examples that are empty, not finite, or of different n or problems (InputError)."""
+    """Raise InputError for examples that are none, not finite, or of different n or problems."""
     for name, source in (("training", train), ("validation", valid)):
         if len(source) == 0:
             raise InputError(f"there are no {name} examples; expected at least one: add more data.")
@@ -213,7 +216,7 @@ def check_examples(train: ExampleSource, valid: ExampleSource) -> None:
         for examples in source.parts():
             _check_finite(examples, name, first)
             first += len(examples)
-    refuse_orbit(train.problem)
+    refuse_other_orbits(train.problem)
     if (valid.n, valid.problem) != (train.n, train.problem):
         raise InputError(
             f"validation examples have n = {valid.n} and {valid.problem}; expected those of the "
@@ -229,7 +232,7 @@ def _check_finite(examples: Examples, name: str, first: int) -> None:
         flat = values.reshape(len(examples), -1)
         bad = ~np.isfinite(flat).all(axis=1)
         if column == "states":
-            bad &= ~np.isnan(flat).all(axis=1)  # nobody has planned these
+            bad &= ~np.isnan(flat).all(axis=1)  # examples without a plan
         if bad.any():
             raise InputError(
                 f"{name} example {first + bad.argmax()} has {column} that are not finite numbers; "

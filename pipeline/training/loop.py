@@ -1,4 +1,4 @@
-"""The training loop: steps of Adam on shuffled batches, the best weights on validation kept."""
+"""The training loop: Adam on shuffled batches; the weights with the best validation are kept."""
 
 import math
 import time
@@ -47,7 +47,7 @@ class Trained:
     seconds: float
     device: str
     threads: int = 1
-    shuffle_buffer: int | None = None  # its size in instances; None: all in memory
+    shuffle_buffer: int | None = None  # its size in instances; None: no such buffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,36 +119,36 @@ def train(
     """Train a network; on one machine's CPU the same arguments give the same bits.
 
     The n and problem of the training examples become the model's; those for validation decide when
-    to stop and which weights to keep. The seed is of initial weights, order and dropout; the device
-    "auto", "cpu", "cuda" or "mps". InputError for an unknown architecture or device, or examples
-    that cannot be used. ProlearnError where loss or score cease to be finite numbers. Its seconds
-    leave out what the first training of a process imports and compiles.
+    to stop and which weights to keep. The seed determines initial weights, order and dropout;
+    ``device`` is "auto", "cpu", "cuda" or "mps". InputError for an unknown architecture or device,
+    or unusable examples; ProlearnError where loss or score cease to be finite. Its seconds exclude
+    what the first training of a process imports and compiles.
     """
-    architecture, where = find(arch), torch_device(device)
-    torch.zeros(1, device=where)  # where a GPU has first to be set up, before the clock starts
+    architecture, chosen = find(arch), torch_device(device)
+    torch.zeros(1, device=chosen)  # sets up a GPU before the clock starts
     started = time.perf_counter()
     check_examples(train, valid)
     encoding = fit(train, recipe.interior, recipe.target, recipe.scaling)
-    devices = [] if where.type == "cpu" else [where.index or 0]
-    with torch.random.fork_rng(devices, device_type=where.type):
+    devices = [] if chosen.type == "cpu" else [chosen.index or 0]
+    with torch.random.fork_rng(devices, device_type=chosen.type):
         torch.manual_seed(seed)
-        network = architecture.network(architecture.config, encoding, recipe.dropout).to(where)
+        network = architecture.network(architecture.config, encoding, recipe.dropout).to(chosen)
         objective = Objective(architecture, network, encoding, recipe)
-        preparation = Preparation(architecture, encoding, where)
+        preparation = Preparation(architecture, encoding, chosen)
         data = batches(train, preparation), batches(valid, preparation)
         prepared = time.perf_counter()
-        with torch.random.fork_rng(devices, device_type=where.type):
+        with torch.random.fork_rng(devices, device_type=chosen.type):
             _warm_up(objective, data[1])
         started += time.perf_counter() - prepared
         history, best = _improve(objective, *data, seed, progress)
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
-    mixed = train.buffer if isinstance(train, ExampleStream) and not train.endless else None
-    return Trained(model, history, best, seconds, str(where), torch.get_num_threads(), mixed)
+    buffer = train.buffer if isinstance(train, ExampleStream) and not train.endless else None
+    return Trained(model, history, best, seconds, str(chosen), torch.get_num_threads(), buffer)
 
 
 def _warm_up(objective: Objective, data: Batches) -> None:
-    """A step of a copy of the network: the first imports and compiles, for seconds or minutes."""
+    """Train a copy for one step, since the first imports and compiles, for seconds or minutes."""
     copy = replace(objective, network=deepcopy(objective.network))
     batch = next(iter(data.in_order(2)))
     Descent(copy.network, copy.recipe, steps=1).step(copy.loss(batch))
@@ -188,7 +188,7 @@ def _improve(
 def pass_over(
     objective: Objective, descent: Descent, data: Batches, order: torch.Generator
 ) -> float:
-    """One epoch of steps in random order; its mean loss."""
+    """One epoch of steps on batches in random order; returns the mean loss."""
     objective.network.train()
     total: Tensor | float = 0.0  # read once, so that CUDA need not wait
     for batch in data.shuffled(objective.recipe.batch_size, order):

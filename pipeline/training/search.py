@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from optuna import Study, Trial
 
 HEARTBEAT_SECONDS = 60
-GRACE_SECONDS = 180  # a trial without a heartbeat for so long has died
-
+GRACE_SECONDS = 180  # a trial without a heartbeat for so long counts as dead
 
 SPACE: Mapping[str, Callable[["Trial", str], Any]] = {
     "learning_rate": lambda trial, name: trial.suggest_float(name, 1e-4, 2e-2, log=True),
@@ -28,15 +27,15 @@ SPACE: Mapping[str, Callable[["Trial", str], Any]] = {
     "dropout": lambda trial, name: trial.suggest_float(name, 0.0, 0.5),
     "interior": lambda trial, name: trial.suggest_categorical(name, tuple(INTERIORS)),
 }
-"""By field of a recipe. The collision weight is not in it: the distance from the expert's plans,
-which the search minimizes, says nothing about collisions."""
+"""How a trial draws each field of a recipe. The collision weight is not searched: the distance from
+the expert's plans, which the search minimizes, says nothing about collisions."""
 
 
 @contextmanager
 def open_study(path: Path, name: str) -> Iterator["Study"]:
-    """The study of a name in an SQLite file, both made where they are missing.
+    """The study of a name in an SQLite file; either is created where it is missing.
 
-    The name is the same for searches whose trials can be compared. InputError where Optuna is not
+    Searches whose trials can be compared have the same name. InputError where Optuna is not
     installed, or the path is a folder or below a file. ProlearnError where the file fails, in the
     block too.
     """
@@ -71,7 +70,7 @@ def open_study(path: Path, name: str) -> Iterator["Study"]:
         ) from error
 
 
-def complete(study: "Study") -> int:
+def completed_trials(study: "Study") -> int:
     """Number of completed trials."""
     return sum(trial.state.name == "COMPLETE" for trial in study.get_trials(deepcopy=False))
 
@@ -80,42 +79,42 @@ def complete(study: "Study") -> int:
 def drawn_trials(
     study: "Study", path: Path, count: int, *, seed: int, unused: Collection[str] = ()
 ) -> Iterator[dict[int, dict[str, Any]]]:
-    """New trials by number, as fields of a recipe from SPACE, less those without effect.
+    """New trials by number, as fields of a recipe from SPACE without the ``unused`` ones.
 
-    They are drawn from the trials completed by now, not from each other's results: so they depend
-    neither on the order in which they are run nor on who runs them. After the block those without a
-    result are marked as failed. The path is of the study's file.
+    Their draws depend on the trials completed by now and not on each other's results, so neither on
+    the order in which they are run nor on who runs them. After the block those without a result are
+    marked as failed. ``path`` is the study's file.
     """
     import optuna
 
-    asked: list[Trial] = []
+    trials: list[Trial] = []
     try:
-        # Heartbeats are meant for another way to run trials.
+        # Optuna warns of heartbeats, which it means for another way to run trials.
         with FileLock(f"{path}.lock"), warnings.catch_warnings(action="ignore"):
             optuna.storages.fail_stale_trials(study)
-            # A search that goes on must not draw once more what it began with.
+            # A search that is continued must not draw the same trials again.
             seed += len(study.trials)
             study.sampler = optuna.samplers.TPESampler(seed=seed, constant_liar=True)
-            asked.extend(study.ask() for _ in range(count))
+            trials.extend(study.ask() for _ in range(count))
             drawn = {name: draw for name, draw in SPACE.items() if name not in unused}
             fields = {
                 trial.number: {name: draw(trial, name) for name, draw in drawn.items()}
-                for trial in asked
+                for trial in trials
             }
-        with _heartbeats(study, asked):
+        with _heartbeats(study, trials):
             yield fields
     finally:
-        for trial in asked:
+        for trial in trials:
             study.tell(trial, state=optuna.trial.TrialState.FAIL, skip_if_finished=True)
 
 
 @contextmanager
 def _heartbeats(study: "Study", trials: Sequence["Trial"]) -> Iterator[None]:
-    """Say in the storage, as long as the block lasts, that trials have not died."""
-    over = Event()
+    """Record heartbeats of trials in the storage as long as the block lasts."""
+    ended = Event()
 
     def beat() -> None:
-        while not over.wait(HEARTBEAT_SECONDS):
+        while not ended.wait(HEARTBEAT_SECONDS):
             for trial in trials:
                 study._storage.record_heartbeat(trial._trial_id)
 
@@ -126,5 +125,5 @@ def _heartbeats(study: "Study", trials: Sequence["Trial"]) -> Iterator[None]:
     try:
         yield
     finally:
-        over.set()
+        ended.set()
         thread.join()

@@ -11,7 +11,7 @@ from pipeline.arrays import Array, Bool, Float, Int, Shaped, like, namespace, pl
 
 
 def constant(values: Any) -> Any:
-    """The values without gradients."""
+    """The same values, detached from gradients."""
     return values if isinstance(values, np.ndarray) else values.detach()
 
 
@@ -22,7 +22,7 @@ def cast(values: Any, other: Any) -> Any:
 
 
 def rows(values: Shaped[Any, "k *rest"], index: Int[Any, "j"]) -> Shaped[Any, "j *rest"]:
-    """Some rows; of tensors by index_select, whose gradient is fast."""
+    """Some rows; for tensors by index_select, whose gradient is fast."""
     if isinstance(values, np.ndarray):
         return values[index]
     return values.index_select(0, like(index, values))
@@ -40,7 +40,7 @@ def with_rows(
 
 
 def where(mask: Bool[Any, "*k"], other: Callable[[], Any], values: Any) -> Any:
-    """Other values where a mask is true; computed only if it is anywhere, or in a traced graph."""
+    """Other values where a mask is true, computed only if it is somewhere, or in a traced graph."""
     xp = namespace(mask)
     if (xp is np or not xp.compiler.is_exporting()) and not mask.any():
         return values

@@ -15,11 +15,11 @@ from pipeline.scratch import own_folder
 def _kept() -> bool:
     """Whether numba has a cache folder that can be written, if need be a temporary one.
 
-    Beside the package and in the home none may be written to, as in a container.
+    In a container, neither the package's folder nor the home may be writable.
     """
     for _ in range(2):
         with suppress(RuntimeError):
-            # There may be no home, which Path says; numba would make a folder ~ in the current one.
+            # Path raises where there is no home; numba would make a folder ~ in the current one.
             if config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home():
                 numba.njit(cache=True)(lambda: None)
                 return True
@@ -32,6 +32,6 @@ KEPT = _kept()
 
 
 def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """``numba.njit``, without its cache where there is no place for that."""
+    """``numba.njit``, without its cache where there is no folder for that."""
     decorator: Callable[[Callable[..., Any]], Any] = numba.njit(cache=cache and KEPT, **options)
     return decorator

@@ -1,4 +1,4 @@
-"""Closest approaches of craft and the planes that keep them apart, in units of r_col and Δt.
+"""Closest approaches of craft and the normals of separating planes, in units of r_col and Δt.
 
 Relative motion is linear and fuel is a norm, so a swarm twice as large with twice the collision
 radius has the same transfers at twice the fuel. In units of r_col and Δt this scale drops out:
@@ -25,15 +25,15 @@ from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
-# Distance within which decoupled optima must come for a pair to be considered: in r_col, and
-# as a share of the swarm's extent, since craft that fly far can be moved far at little cost
+# Distance of decoupled optima within which a pair is considered: in r_col, and as a share of the
+# swarm's extent, since craft that fly far can be moved far at little cost
 NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
-TOUCHING = 1e-4  # distance in r_col under which the gap of two craft gives no direction
-STILL = 1e-9  # relative speed in r_col/Δt under which two craft do not move past each other
+TOUCHING = 1e-4  # distance in r_col below which the gap of two craft defines no direction
+STILL = 1e-9  # relative speed in r_col/Δt below which it defines no direction
 
-STRETCHES = 6  # parts of an interval, in which motion counts as straight at the search's start
-NEWTON_STEPS = 3  # steps from there; the last moves what is found by less than a millimetre
+STRETCHES = 6  # parts of an interval in which the search at first takes motion as straight
+NEWTON_STEPS = 3  # steps from there; the last changes the result by less than a millimetre
 
 # Ratio of the squared distances after and before a Newton step up to which the step is taken: a
 # smaller increase is rounding, and refusing it would leave the time accurate to 1e-7 only
@@ -41,10 +41,10 @@ EQUAL = 1 + 1e-12
 
 THIRD = 1.0 / 3.0
 
-# Cosine between gap and relative velocity under which a pair neither comes closer nor parts
+# Cosine between gap and relative velocity below which the distance is stationary
 LEVEL = 1e-6
 
-CAPACITY = 1024  # encounters that the array of them holds at first; doubled when full
+CAPACITY = 1024  # initial length of the array of encounters, doubled when full
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +64,11 @@ class Grid:
 
 @lru_cache(maxsize=32)
 def grid_of(problem: Problem, device: Any = None) -> Grid:
-    """The maps of a problem, the same for any collision radius; as tensors if a device is given."""
+    """The maps of a problem, which do not depend on r_col; as tensors if a device is given."""
     if device is not None:
         nodes, *parts = vars(grid_of(problem)).values()
-        with sys.modules["torch"].inference_mode(False):  # what is kept must serve training too
-            return Grid(nodes, *(tensor(one, device) for one in parts))
+        with sys.modules["torch"].inference_mode(False):  # the cached maps must serve training too
+            return Grid(nodes, *(tensor(part, device) for part in parts))
     maps, step, scale = transfer_maps(problem), problem.time_step, per_step(problem)
     drift = (maps.drift * scale[:, None] / scale).reshape(-1, 6)
     reach = (maps.reach * scale[:, None] / step**2).reshape(len(drift), -1)
@@ -78,7 +78,7 @@ def grid_of(problem: Problem, device: Any = None) -> Grid:
 
 
 def in_units(states: EndStates, radius: Float[Any, "b"], problem: Problem) -> Float[Any, "N 6"]:
-    """States of all craft, one swarm's after the other's, scaled from m and m/s."""
+    """States of all craft, swarm after swarm, scaled from m and m/s to r_col and r_col/Δt."""
     scale = like(per_step(problem), states)
     return (states * scale / radius[:, None, None]).reshape(-1, 6)
 
@@ -94,7 +94,7 @@ class EncounterGeometry:
 
     share: Float[Any, "E"]  # when, as a share of the interval; 0 where not computed
     distance: Float[Any, "E"]  # r_col; infinite where not computed
-    turns: Bool[Any, "E"]  # whether the pair comes closer before and parts after it
+    is_minimum: Bool[Any, "E"]  # whether the distance has a local minimum there
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +116,11 @@ class Encounters(Rows):
         return Sides.of(self.craft)
 
     def relative(self, states: Float[Any, "N T 6"]) -> Float[Any, "E 2 6"]:
-        """States of the first craft less those of the second at both ends of the interval."""
+        """States of the first craft minus those of the second at both ends of the interval."""
         nodes = self.craft.T * states.shape[1] + self.interval  # (2, E), of all craft's nodes
         index = nodes[:, :, None] + like(np.arange(2), nodes)  # and those after them
-        one, other = rows(states.reshape(-1, 6), index.reshape(-1)).reshape(2, -1, 2, 6)
-        return one - other
+        first, second = rows(states.reshape(-1, 6), index.reshape(-1)).reshape(2, -1, 2, 6)
+        return first - second
 
     def approaches(
         self,
@@ -129,9 +129,9 @@ class Encounters(Rows):
         before: EncounterGeometry | None = None,
         moved: Bool[Any, "N"] | None = None,
     ) -> EncounterGeometry:
-        """The closest approach of each encounter; beyond a distance it may be left infinite.
+        """The closest approach of each encounter; beyond ``within`` it may be left infinite.
 
-        Pairs of which neither craft has moved keep what was found before; by default all have.
+        Pairs of which neither craft has moved keep the result ``before``; by default all have.
         """
         if before is None or moved is None:
             E, moved = len(self), np.ones(len(states), dtype=bool)
@@ -144,7 +144,7 @@ class Encounters(Rows):
 def encounters(
     states: Float[Array, "N T 6"], n: int, near: float = NEAR, of_extent: float = NEAR_OF_EXTENT
 ) -> Encounters:
-    """Pairs of a swarm and intervals within ``near`` r_col, or a share of its extent."""
+    """Pairs of craft and intervals in which they come within ``near`` or a share of the extent."""
     within = np.maximum(near, of_extent * extents(states, n))
     return Encounters(*close_pairs(np.ascontiguousarray(states), n, within))
 
@@ -157,28 +157,28 @@ def extents(states: Float[Any, "N T 6"], n: int) -> Float[Any, "b"]:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Geometry of L encounters at a time in their intervals, relative to the second craft."""
+    """Geometry of L encounters at their closest approaches, relative to the second craft."""
 
-    interval: Int[Any, "L"]  # which it is, from 0
-    share: PerPlane  # when, through which no gradient runs
+    interval: Int[Any, "L"]  # number of the interval, from 0
+    share: PerPlane  # time, as a share of the interval; no gradient runs through it
     ends: RelativeEnds  # states relative to the second craft at both ends of the interval
-    distance: PerPlane  # to it
+    distance: PerPlane  # between both craft
     along: Vectors  # unit vector along the gap, from the second craft: the normal
     gain: Gains  # how the craft's controls move it along the normal
 
     def like(self, other: Any) -> "Scene":
-        """The same in the library of another array."""
+        """The scene as arrays of the other array's module, data type and device."""
         return Scene(*(like(values, other) for values in vars(self).values()))
 
 
 def scene_of(interval: Int[Any, "L"], share: PerPlane, ends: RelativeEnds, grid: Grid) -> Scene:
-    """The encounters with distances, normals and gains."""
+    """The geometry of encounters: distances, normals and gains."""
     distance, along = normals(ends, share)
     return Scene(interval, share, ends, distance, along, gains(interval, share, along, grid))
 
 
 def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, Vectors]:
-    """Distance and unit normal of each pair; where they touch, any normal across their motion."""
+    """Distance and unit normal of each pair; where they touch, one normal to their motion."""
     gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
     # No gradient turns the normal of craft that touch.
@@ -252,7 +252,7 @@ def _length(vector: Vectors) -> Float[Any, "L 1"]:
 
 @no_type_check
 @njit(cache=True)
-def nearest(states, first, second, interval, within, moved, share, distance, turns):
+def nearest(states, first, second, interval, within, moved, share, distance, is_minimum):
     """The closest approach of pairs of craft in intervals, (k,) each, into the last three arrays.
 
     Those are as in ``EncounterGeometry``. Node states are (N, T, 6), lengths in r_col. Results of
@@ -265,11 +265,11 @@ def nearest(states, first, second, interval, within, moved, share, distance, tur
             continue
         one, other, t = states[first[k]], states[second[k]], interval[k]
         if stays_beyond(one, other, t, within[k]):
-            share[k], distance[k], turns[k] = 0.0, np.inf, False
+            share[k], distance[k], is_minimum[k] = 0.0, np.inf, False
         else:
             fill_cubic(motion, one, other, t)
             share[k], distance[k] = closest(motion)
-            turns[k] = 0.0 < share[k] < 1.0 or is_stationary(motion, share[k])
+            is_minimum[k] = 0.0 < share[k] < 1.0 or is_stationary(motion, share[k])
 
 
 @no_type_check

@@ -1,15 +1,15 @@
-"""The refiner: rounds of message passing between craft, each of which solves a program of its own.
+"""The refiner: rounds of message passing between craft, each of which solves its own program.
 
-Each craft begins with its decoupled optimum. In a round those that come too close put separating
-planes between them, agree by message passing on who gives way by how much, and each solves
+Each craft begins with its decoupled optimum. In a round craft that come too close get a separating
+plane, agree by message passing on who gives way by how much, and each solves
 
     min ‖u‖₁ + Λ Σ max(0, d - g·u)   subject to   R u = b,
 
-with rows g of the planes and what they ask for, d. The dual λ of a plane, in [0, Λ], is what
-another unit of separation would cost. Without learning, the craft to which it is cheaper gives way,
-or gets back less; what is learned is a trade, what the first craft gives way beyond that share. A
-craft uses only its own data and those of craft that it meets, and messages are summed: the network
-is permutation-equivariant.
+where plane by plane g·u is the effect of the controls and d the effect required. The dual λ of a
+plane, in [0, Λ], is the cost of another unit of separation. Without learning, the craft with the
+lower cost gives way more, or gets back less; a trade is learned, by which the first craft gives way
+beyond that. A craft uses only its own data and those of craft that it meets, and messages are
+summed: the network is permutation-equivariant.
 
 Arrays are numpy's in planning, which does without torch, and torch's in training; ``shapes`` has
 their axes. Units are r_col and Δt.
@@ -33,21 +33,21 @@ from pipeline.networks.refiner.shapes import Controls, EndStates, Gains, PerPlan
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 
-PLANE_DISTANCE = 1.3  # in r_col, within which pairs that turn from coming closer get a plane
+PLANE_DISTANCE = 1.3  # in r_col, within which a local minimum of the distance gets a plane
 
 SAFE = 1 + 1e-4
 """Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
 centimetres in intervals of four minutes; planes ask for more, and certificates are exact."""
 
-TURNS_ONLY = 3  # rounds in which pairs get planes only where they turn, then wherever unsafe
-MARGIN = 0.2 / 15  # separation beyond r_col that is asked for, in r_col
-SHARPNESS = 4.0  # power of the other's dual by which a craft gives way
+MINIMA_ONLY = 3  # rounds in which only local minima get planes, then unsafe encounters do too
+MARGIN = 0.2 / 15  # separation beyond r_col that planes require, in r_col
+SHARPNESS = 4.0  # a craft gives way by the other's dual to this power, as a share of both
 LEAST_DUAL = 1e-4  # least dual that counts, so that duals have a ratio
 MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
 
-STEADY = 1e-4  # relative change of fuel in a round up to which a swarm that is safe is done
+STEADY = 1e-4  # relative change of fuel in a round up to which a safe swarm has converged
 FACING = np.array([1.0, -1.0])  # signs of a plane's normal for the two craft of an encounter
-FEATURES = 18  # F: edge features, as one of the two craft sees them
+FEATURES = 18  # F: number of edge features of one side
 FOLDER = Path(__file__).parent / "default"  # the packaged model: weights, description and card
 
 Weights = Mapping[str, Any]
@@ -55,7 +55,7 @@ Weights = Mapping[str, Any]
 in stored models that were trained without messages, where it is 0."""
 
 
-# Message passing: who gives way by how much.
+# Message passing: which craft gives way by how much.
 
 
 def edge_features(
@@ -66,9 +66,9 @@ def edge_features(
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
-    """Edge features of each encounter, from the side of either craft, in round ``number``.
+    """Edge features of each encounter, from the side of each craft, in round ``number``.
 
-    ``dual`` is of the round before; ``load`` has the node features of either craft.
+    ``dual`` is that of the round before; ``load`` has the node features of both craft.
     """
     past, speed = geometry.passing(scene.ends, scene.share, scene.along)
     xp = namespace(dual)
@@ -95,14 +95,14 @@ def edge_features(
 
 
 def free_directions(gain: Gains, grid: geometry.Grid) -> Gains:
-    """Unit vectors of the controls that keep the goal and increase the distance most."""
+    """Unit vectors of the controls that keep the final state and increase the distance most."""
     free = constant(gain) @ grid.free
     norm = namespace(free).linalg.vector_norm(free, axis=1, keepdims=True)
     return free / namespace(free).clip(norm, 1e-9, None)
 
 
 def trades(weights: Weights, features: Float[Any, "L 2 F"], free: Gains, sides: Sides) -> PerPlane:
-    """Message passing: the trade of each encounter, r_col; ``free`` compares planes."""
+    """Message passing: the trade of each encounter, r_col; cosines of ``free`` weigh messages."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
     embedded = two_layers(weights, "read", cast(both, w))  # (L, 2, H)
@@ -118,7 +118,7 @@ def offers(
     received: Float[Any, "*L _"],
     others: Float[Any, "*L _"],
 ) -> Float[Any, "*L"]:
-    """Offers of a craft: an MLP of the edge features and both craft's aggregated messages."""
+    """Offers of a craft: an MLP of embedded edge features and both craft's aggregated messages."""
     every = namespace(embedded).concatenate([embedded, received, others], axis=-1)
     return linear(weights, "offer", two_layers(weights, "weigh", every))[..., 0]
 
@@ -140,17 +140,17 @@ def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any
 
 
 def trade_of(offer: PerPlane, other: PerPlane) -> PerPlane:
-    """The trade by both offers: what the first craft gives way beyond its share, r_col."""
+    """The trade from both offers: how much the first craft gives way beyond its share, r_col."""
     return MOST_TRADE * namespace(offer).tanh(offer - other)
 
 
 def separation_shares(
     distance: PerPlane, dual: PerSide, first_dual: PerSide, trade: PerPlane
 ) -> PerSide:
-    """What either craft is to add to the distance of a pair, r_col.
+    """How much each craft shall add to the distance of a pair, r_col.
 
-    Of distance that is lacking, the craft with the lower dual adds more; of a surplus, the one with
-    the higher dual gets back more.
+    Of missing distance the craft with the lower dual adds more; of a surplus the one with the
+    higher dual gets back more.
     """
     xp, needed = namespace(distance), 1 + MARGIN - distance
     most = xp.log(xp.clip(xp.maximum(dual, first_dual), LEAST_DUAL, None))
@@ -160,18 +160,18 @@ def separation_shares(
     return xp.stack([first, needed - first], axis=1)
 
 
-# The problem, which is the same in all rounds, and the iterate, which changes.
+# The problem data, which stay the same in all rounds, and the iterate, which changes.
 
 
 @dataclass(frozen=True, eq=False)
 class ProblemData:
-    """A batch of planning problems of n craft each: what no round changes."""
+    """A batch of planning problems of n craft each, which rounds do not change."""
 
     grid: geometry.Grid  # maps of the problem
     n: int  # craft of each swarm
     initial: Float[Any, "N 6"]  # states
     own: programs.Decoupled  # decoupled optima
-    met: geometry.Encounters  # encounters that are considered
+    met: geometry.Encounters  # the encounters that are considered
     swarm: Int[Any, "E"]  # index of the swarm of each of these
 
     def fuel(self, controls: Controls) -> PerSwarm:
@@ -184,10 +184,10 @@ class Iterate:
     """The state of the iteration after a round."""
 
     controls: Controls  # of all craft
-    states: Float[Any, "N T 6"]  # that these lead to
+    states: Float[Any, "N T 6"]  # node states under these controls
     near: geometry.EncounterGeometry  # closest approaches of the encounters
-    dual: Float[Any, "E 2"]  # of each plane in the round before, for either craft
-    first_dual: Float[Any, "E 2"]  # what its first unit costs; 0 before it has a plane
+    dual: Float[Any, "E 2"]  # of each plane in this round's programs, for each craft
+    first_dual: Float[Any, "E 2"]  # cost of its first unit of separation; 0 before it has a plane
 
 
 def problem_data(
@@ -221,16 +221,16 @@ def run_round(
     data: ProblemData,
     now: Iterate,
     number: int,
-    among: Bool[Any, "b"] | None = None,
+    active: Bool[Any, "b"] | None = None,
 ) -> Iterate:
-    """One round of message passing: the next iterate. Rounds count from 0; no weights, no trades.
+    """The iterate after one round of message passing, numbered from 0; no trades without weights.
 
-    ``among`` has the swarms that go on, while the others keep their controls; by default all do.
+    Swarms that are not ``active`` keep their controls; by default all are.
     """
-    # A plane stays, or pairs would forget each other and meet again; live is (E,).
-    live = gets_plane(now.near.distance, now.near.turns, number) | (now.first_dual[:, 0] > 0)
-    if among is not None:
-        live &= among[data.swarm]
+    # A plane stays, or the pair would come close again in the next round; live is (E,).
+    live = gets_plane(now.near.distance, now.near.is_minimum, number) | (now.first_dual[:, 0] > 0)
+    if active is not None:
+        live &= active[data.swarm]
     xp = namespace(live)
     (which,) = xp.where(live)  # (L,)
     # With three nodes the goal determines all controls, and nobody can give way.
@@ -249,16 +249,16 @@ def run_round(
         features = edge_features(seen, grid.nodes, dual, first, load, number)  # (L, 2, F)
         free = free_directions(gain, grid)  # (L, m)
         trade = trades(weights, like(features, gain), free, sides)  # (L,)
-    give = separation_shares(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
-    theirs = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
-    asked = (gain[:, None] * theirs).sum(axis=2) * like(FACING, gain) + give  # (L, 2)
-    best, paid = data.own.optima(sides, gain, asked)  # (C, m), (L, 2)
+    share = separation_shares(distance, like(dual, gain), like(first, gain), trade)  # (L, 2)
+    present = rows(now.controls, craft.reshape(-1)).reshape(len(craft), 2, -1)  # (L, 2, m)
+    required = (gain[:, None] * present).sum(axis=2) * like(FACING, gain) + share  # (L, 2)
+    best, duals = data.own.optima(sides, gain, required)  # (C, m), (L, 2)
     controls = with_rows(now.controls, sides.craft, best)  # (N, m)
     flown = grid.fly(rows(data.initial, sides.craft), best)  # (C, T, 6)
     states = with_rows(now.states, sides.craft, flown)  # (N, T, 6)
-    dual = with_rows(xp.zeros_like(now.dual), which, paid)  # (E, 2)
+    dual = with_rows(xp.zeros_like(now.dual), which, duals)  # (E, 2)
     moved = xp.bincount(sides.craft, minlength=len(controls)) > 0
-    # Encounters with planes are seen at any distance, others where they would get one.
+    # Encounters with planes are evaluated at any distance, others where they would get one.
     within = xp.full_like(dual[:, 0], PLANE_DISTANCE)
     within[first_dual[:, 0] > 0] = np.inf
     near = data.met.approaches(states, within, now.near, moved)
@@ -266,10 +266,11 @@ def run_round(
 
 
 def gets_plane(
-    distance: Float[Any, "E"], turns: Bool[Any, "E"], number: int | Int[Any, ""]
+    distance: Float[Any, "E"], is_minimum: Bool[Any, "E"], number: int | Int[Any, ""]
 ) -> Bool[Any, "E"]:
-    """Whether pairs that have no plane yet get one in round ``number``."""
-    return (turns & (distance < PLANE_DISTANCE)) | ((distance < SAFE) & (number >= TURNS_ONLY))
+    """Whether encounters that have no plane yet get one in round ``number``."""
+    near_minimum = is_minimum & (distance < PLANE_DISTANCE)
+    return near_minimum | ((distance < SAFE) & (number >= MINIMA_ONLY))
 
 
 def _with_first_duals(
@@ -288,23 +289,23 @@ def _with_first_duals(
 def _node_features(
     sides: Sides, craft: Int[Any, "L 2"], dual: PerSide, data: ProblemData, controls: Controls
 ) -> Float[Any, "L 2 3"]:
-    """Node features of either craft: planes, sum of their duals, fuel beyond the optimum."""
+    """Node features of both craft: number of planes, sum of duals, fuel beyond the optimum."""
     xp = namespace(dual)
-    count, paid = sides.totals(xp.ones_like(dual)), sides.totals(dual)
-    more = abs(controls).sum(axis=1) - abs(data.own.controls).sum(axis=1)
-    return xp.stack([count, paid, more[craft]], axis=2)
+    count, total = sides.totals(xp.ones_like(dual)), sides.totals(dual)
+    excess = abs(controls).sum(axis=1) - abs(data.own.controls).sum(axis=1)
+    return xp.stack([count, total, excess[craft]], axis=2)
 
 
-# The cheapest safe iterate, which is the answer, and the shortfall of separation, for training.
+# The cheapest safe iterate, which is the answer; the shortfall of separation is for training.
 
 
 def cheapest_safe(
     weights: Weights | None, data: ProblemData, rounds: int
 ) -> tuple[Controls, Bool[Any, "b"]]:
-    """The cheapest safe iterate of each swarm, or else the last one; and whether it is safe.
+    """The cheapest safe iterate of each swarm, or the last one if none is; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
-    safe and its fuel almost unchanged.
+    safe with almost the same fuel.
     """
     now = start(data)
     best, least, xp = now.controls, safe_fuel(data, now), namespace(now.controls)
@@ -323,18 +324,18 @@ def cheapest_safe(
 
 
 def safe_fuel(data: ProblemData, now: Iterate) -> PerSwarm:
-    """Fuel of each swarm, infinite where it is not safe."""
+    """Fuel of each swarm, infinite where the iterate is not safe."""
     fuel, xp = data.fuel(now.controls), namespace(now.controls)
     unsafe = xp.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel))
     return xp.where(unsafe > 0, np.inf, fuel)
 
 
 def shortfall(data: ProblemData, now: Iterate, distance: float) -> PerSwarm:
-    """Shortfall of a distance at the local minima of pairs' distances, in each swarm, r_col.
+    """Sum of the shortfalls of a distance at the local minima of each swarm's pairs, r_col.
 
     A closest approach that is no local minimum has a nearer one in an adjacent interval.
     """
-    which = np.flatnonzero(now.near.turns & (now.near.distance < distance))
+    which = np.flatnonzero(now.near.is_minimum & (now.near.distance < distance))
     distances, _ = geometry.normals(data.met[which].relative(now.states), now.near.share[which])
     of_swarm = np.equal.outer(np.arange(len(data.initial) // data.n), data.swarm[which])
     return cast(like(of_swarm, distances), distances) @ (distance - distances)
@@ -349,9 +350,9 @@ class TrainedRefiner:
 
     weights: Weights | None = field(repr=False)  # by name; None for rounds without trades
     rounds: int  # that an answer takes
-    problem: Problem  # of its training data, or that it is asked about
+    problem: Problem  # of its training data, or that of ``on``
     digest: str  # SHA-256 of all that decides its answers
-    device: str | None = None  # of torch for several swarms, "cpu" or "cuda"; compiled code if None
+    device: str | None = None  # torch's for several swarms, "cpu" or "cuda"; None: compiled code
 
     architecture: ClassVar[str] = REFINER
     answers: ClassVar[Answer] = "controls"
@@ -369,10 +370,10 @@ class TrainedRefiner:
     def controls(
         self, initial: EndStates, goal: EndStates, radius: PerSwarm
     ) -> Float[Array, "b n intervals 3"]:
-        """Controls, m/s², of swarms that fit in memory together, with a collision radius of each.
+        """Controls, m/s², of swarms that fit in memory together, each with its collision radius.
 
         States are in m and m/s, radii in m. With a ``device`` all is in float64, weights too, and
-        several swarms are planned there; InputError where it is not available.
+        several swarms are planned on it; InputError where it is not available.
         """
         weights = self.weights
         if self.device is not None and weights is not None:

@@ -1,12 +1,12 @@
-"""The part of a refiner that one craft runs, in steps, after which it tells others some results.
+"""The steps of a refiner that one craft runs on board, and what it sends to others after each.
 
 ``Begin`` and ``Meet`` come once a transfer; ``Look``, ``Speak``, ``Listen`` and ``Settle`` are a
-round. All encounters of the craft, P in all, stay in their places over the rounds; those that are
-not live get no plane, and of them only ``Settle`` tells anything. The formulas are those of
+round. The P encounters of the craft keep their order over the rounds; those that are not live get
+no plane, and only ``Settle`` sends values of them. The formulas are those of
 ``refiner.model``, of which a craft runs its own side: it is the first craft of each pair. Names of
 inputs and outputs are those of the files that are exported, and do not change.
 
-What is compiled for a swarm is computed by ``refiner.tensors`` here, so that it can be traced, for
+What compiled code computes for a swarm, ``refiner.tensors`` computes here, which can be traced, for
 a batch of one craft.
 """
 
@@ -22,14 +22,14 @@ from pipeline.arrays import Float
 from pipeline.networks.refiner import geometry, model
 from pipeline.networks.refiner.geometry import Scene, positions
 from pipeline.networks.refiner.refiner import MessagePassing
-from pipeline.networks.refiner.tensors import Decoupled, decoupled_optima, nearest, turns
+from pipeline.networks.refiner.tensors import Decoupled, decoupled_optima, is_minimum, nearest
 from pipeline.orbit.problem import Problem
 
 # Inputs and outputs of steps, and the steps.
 
-TOLD = "told_"  # prefix of values that the other side of an encounter told, before their name there
+TOLD = "told_"  # prefix of the names of values that the other side of an encounter sent
 
-NEW = "new_"  # begins the name of an output that takes the place of the input of the same name
+NEW = "new_"  # prefix of the name of an output that replaces the input of the same name
 
 STATE, LENGTH, ACCELERATION = "x y z (m), vx vy vz (m/s)", "m", "m/s²"
 
@@ -41,9 +41,9 @@ class Value:
     # sizes; by letter where they differ: T nodes, m = 3(T-1) controls, P encounters, Q other craft,
     # H numbers of a message
     shape: tuple[int | str, ...]
-    what: str  # unit and meaning
+    meaning: str  # with its unit
     dtype: torch.dtype = torch.float64  # its type
-    unit: str = ""  # STATE, LENGTH or ACCELERATION, where steps have it in r_col and Δt
+    unit: str = ""  # STATE, LENGTH or ACCELERATION, where steps convert it to r_col and Δt
 
     def sized(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """The shape in numbers."""
@@ -81,16 +81,16 @@ VALUES: Mapping[str, Value] = {
     "said": Value(("P", "H"), "embedding of the edge features of both sides", FLOAT),
     "heard": Value(("P", "2H"), "aggregated messages: cosine-weighted sum, sum", FLOAT),
 }
-"""By name; what the other side told has the same shape, unless it is here itself."""
+"""By name; a value that the other side sent has the same shape, unless it is listed itself."""
 
 
 def value(name: str) -> Value:
-    """The value of a name, also of what is new or was told."""
+    """The value of a name, which may have the prefix NEW or TOLD."""
     plain = name.removeprefix(NEW)
     if plain in VALUES:
         return VALUES[plain]
     own = plain.removeprefix(TOLD)
-    return replace(VALUES[own], what=f"`{own}` of the other side")
+    return replace(VALUES[own], meaning=f"`{own}` of the other side")
 
 
 def sizes_of(nodes: int, message: int, encounters: int, others: int) -> dict[str, int]:
@@ -105,8 +105,8 @@ class Step(nn.Module):
 
     takes: tuple[str, ...] = ()  # names of the inputs, in order
     gives: tuple[str, ...] = ()  # names of the outputs
-    tells: tuple[str, ...] = ()  # those that the other craft must have before the next step
-    tells_all = False  # whether also of encounters that are not live
+    tells: tuple[str, ...] = ()  # outputs that are sent to other craft before the next step
+    tells_all = False  # whether they are sent for encounters that are not live, too
 
     def __init__(self, network: MessagePassing, problem: Problem) -> None:
         super().__init__()
@@ -116,7 +116,7 @@ class Step(nn.Module):
         self.units = {STATE: units, LENGTH: units[0], ACCELERATION: units[-1] ** 2}
 
     def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
-        """The outputs, from the inputs: m, m/s and m/s² outside and r_col and Δt inside."""
+        """The outputs, from the inputs, all in m, m/s and m/s²; inside they are in r_col and Δt."""
         known = dict(zip(self.takes, given, strict=True))
         for name in self.takes:
             if unit := value(name).unit:
@@ -128,7 +128,7 @@ class Step(nn.Module):
         return tuple(found.values())
 
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
-        """The outputs, from the values that a craft has by name, in r_col and Δt."""
+        """The outputs, from the craft's values by name, in r_col and Δt."""
         raise NotImplementedError
 
     def own(self, craft: SimpleNamespace) -> Decoupled:
@@ -143,7 +143,7 @@ class Step(nn.Module):
 
 
 def _both(craft: SimpleNamespace, name: str) -> Float[Tensor, "P 2 *_"]:
-    """What the craft and the other side of each encounter know by this name."""
+    """The values of this name of the craft and of the other side of each encounter."""
     return torch.stack([getattr(craft, name), getattr(craft, TOLD + name)], dim=1)
 
 
@@ -188,7 +188,7 @@ class Look(Step):
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
         own, scene = self.own(craft), self.scene(craft)
         first, price = craft.first_price, craft.price
-        live = model.gets_plane(scene.distance, turns(scene.ends, scene.share), craft.number)
+        live = model.gets_plane(scene.distance, is_minimum(scene.ends, scene.share), craft.number)
         live = live | (first > 0)
         asked = own.first_ratios(scene.gain[None])[0].clamp(min=model.LEAST_DUAL)
         first = torch.where(live & (first == 0), asked, first)

@@ -1,4 +1,4 @@
-"""A refiner as ONNX files, a step of one craft each, checked against the whole swarm's controls."""
+"""Export of a refiner as ONNX files, one for each step of one craft, and their check."""
 
 import hashlib
 import time
@@ -31,28 +31,28 @@ ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs a
 
 TOLERANCE = 1e-5  # largest difference from the whole swarm's controls, as a share of the largest
 
-MOST_TIES = 1 / 3  # share of the swarms that may meet another optimum of the same fuel
+MOST_TIES = 1 / 3  # largest share of the swarms that may find another optimum of the same fuel
 SIZES = (2, 10, 30)  # swarm sizes that are flown
 DRAWS = 2  # swarms of each
 
 AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``on_board.VALUES``
-# Runs the step of a name on what one craft knows, and gives its outputs by name
+# Runs a step, by its name, on what one craft knows, and returns its outputs by name
 Run = Callable[[str, AgentMemory], Mapping[str, Any]]
-# One side of an encounter: a craft, the place among its encounters, the craft met, the place there
+# One side of an encounter: a craft, its index among that craft's, the other craft, the index there
 Edge = tuple[int, int, int, int]
 
 
 def fly_rounds(
     run: Run, initial: Formation, goal: Formation, r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
-    """Run all craft of a swarm: their controls, m/s², before and after each round."""
+    """Run the steps of all craft of a swarm: controls, m/s², at first and after each round."""
     swarm: list[AgentMemory] = [
         {"initial": start, "goal": end, "r_col": np.array(r_col)}
         for start, end in zip(initial, goal, strict=True)
     ]
     for craft in swarm:
         craft.update(run("begin", craft))
-    edges = _met(run, swarm)
+    edges = _find_encounters(run, swarm)
     _exchange(swarm, edges, ("nodes", "price"))
     yield np.stack([craft["controls"] for craft in swarm])
     for number in range(rounds):
@@ -64,7 +64,7 @@ def fly_rounds(
         yield np.stack([craft["controls"] for craft in swarm])
 
 
-def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
+def _find_encounters(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
     """The encounters that each craft finds by itself, as edges from both sides."""
     places: dict[tuple[int, int, int], int] = {}
     for k, craft in enumerate(swarm if len(swarm) > 1 else ()):
@@ -83,9 +83,9 @@ def _met(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
 
 
 def _exchange(swarm: Sequence[AgentMemory], edges: Sequence[Edge], names: Sequence[str]) -> None:
-    """Send values of these names along edges, from the other craft to each craft."""
+    """Send the values of these names along edges, from the other craft to each craft."""
     for name in names:
-        for craft in swarm:  # zeros of the right shape until something is told
+        for craft in swarm:  # zeros of the right shape until something is sent
             if name in craft:
                 craft.setdefault(on_board.TOLD + name, np.zeros_like(craft[name]))
         for k, place, other, there in edges:
@@ -97,7 +97,7 @@ class Discrepancy:
     """Difference of one swarm's controls from those expected."""
 
     difference: float  # the largest, as a share of the largest control
-    tie: bool  # whether another optimum of equal fuel was met; rounds before it are compared
+    tie: bool  # whether another optimum of equal fuel was found; rounds before it are compared
 
 
 @dataclass(frozen=True)
@@ -107,16 +107,16 @@ class ExportedCraft:
     folder: Path  # where they are, each named after its step
     kib: Mapping[str, float]  # size of each, by step, KiB
     sha256: Mapping[str, str]  # digest of each, by step
-    told: Mapping[str, int]  # numbers told in each round for each live encounter, by name
+    told: Mapping[str, int]  # numbers sent in each round for each live encounter, by name
     swarms: int  # swarms that were flown
-    ties: int  # those in which another optimum of the same fuel was met
-    encounters: int  # most encounters of a craft in them
+    ties: int  # those in which another optimum of the same fuel was found
+    encounters: int  # largest number of encounters of a craft in them
     difference: float  # largest from the whole swarm's, as a share of its largest control
     seconds: Mapping[str, float]  # median time of a step on one core, by its name
 
 
 class Files:
-    """Runs steps by their files in a folder, and keeps the times."""
+    """The files of steps in a folder, which run them and record the times."""
 
     def __init__(self, folder: Path) -> None:
         self.session = {name: open_session(file_of(folder, name)) for name in on_board.STEPS}
@@ -125,7 +125,7 @@ class Files:
 
     def __call__(self, name: str, known: AgentMemory) -> Mapping[str, Any]:
         """The outputs of a step by name."""
-        given = {one: known[one] for one in on_board.STEPS[name].takes}
+        given = {key: known[key] for key in on_board.STEPS[name].takes}
         started = time.perf_counter()
         found = self.session[name].run(None, given)
         self.seconds[name].append(time.perf_counter() - started)
@@ -147,15 +147,15 @@ def check(folder: Path, model: Model) -> ExportedCraft:
             scenario = draw("rings", 0, n, k, problem, "valid")
             ends = scenario.initial, scenario.goal
             given = np.stack(list(fly_rounds(run, *ends, radius, rounds=network.rounds)))
-            compared.append(compare(given, together(network, problem, *ends)))
-    difference = max(one.difference for one in compared)
+            compared.append(compare(given, swarm_controls(network, problem, *ends)))
+    difference = max(found.difference for found in compared)
     if difference > TOLERANCE:
         raise ProlearnError(
             f"onnxruntime's controls differ from the model's by {difference:.2g} of the largest; "
             f"expected at most {TOLERANCE:g}: no file was written."
         )
     seconds = {name: float(np.median(times or [0.0])) for name, times in run.seconds.items()}
-    ties = sum(one.tie for one in compared)
+    ties = sum(found.tie for found in compared)
     if ties > MOST_TIES * len(compared):
         raise ProlearnError(
             f"{ties} of {len(compared)} swarms met another optimum of the same fuel, so little "
@@ -194,10 +194,10 @@ def compare(given: Float[Array, "_ n m"], wanted: Float[Array, "_ n m"]) -> Disc
     return Discrepancy(float(share[:first].max(initial=0.0)), tie=True)
 
 
-def together(
+def swarm_controls(
     network: MessagePassing, problem: Problem, initial: Formation, goal: Formation
 ) -> Float[Array, "_ n m"]:
-    """Controls before and after each round of the whole swarm at once, m/s²."""
+    """Controls of the whole swarm at first and after each round, without the files, m/s²."""
     radius = np.array([problem.collision_radius])
     data = problem_data(problem, initial[None], goal[None], radius)
     now = start(data)
@@ -215,7 +215,7 @@ def export_craft(
 
     Files of these names are replaced; each has the JSON values ``about`` in its metadata.
     InputError where onnx or onnxruntime is not installed, or the folder is a file. ProlearnError
-    where a step cannot be exported, or a swarm whose craft run them is not answered as by torch.
+    where a step cannot be exported, or a swarm whose craft run them gets other controls.
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")

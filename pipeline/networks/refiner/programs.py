@@ -1,4 +1,4 @@
-"""Each craft's own program: least fuel to its goal, on its side of some separating planes.
+"""Each craft's own program: minimum fuel to its goal, on its side of some separating planes.
 
 The program of ``model`` is solved by a dual simplex method on the tableau, from the decoupled
 optimum (no planes), whose basis comes from a table. A program has 6 + p basic and m - 6 nonbasic
@@ -27,7 +27,7 @@ from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.problem import Problem
 
-LARGEST_DUAL = 50.0  # Λ: dual at which a plane is given up, r_col/Δt² per r_col; few exceed 2
+LARGEST_DUAL = 50.0  # Λ: dual up to which a plane is kept, r_col/Δt² per r_col; few exceed 2
 
 SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
 NO_PIVOT = 1e-11  # entries of a tableau smaller than this are no pivots
@@ -36,8 +36,8 @@ TIE = 1e-6
 """Difference of duals that counts as none: where several optima cost the same, the earliest control
 enters, or rounding and the order of planes would choose between them."""
 
-STEEP = 0.1  # size of a pivot, at least, as a share of the largest entry among ties
-MOST_PIVOTS = 500  # most pivots after planes are added; the program is then left as it is
+STEEP = 0.1  # least size of a pivot, as a share of the largest entry among ties
+MOST_PIVOTS = 500  # most pivots after planes are added, at which a program stops unsolved
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,33 +52,33 @@ class Decoupled(Rows):
     cost: Float[Any, "N _"]  # side · tableau, from which their reduced costs follow
 
     def optima(
-        self, sides: Sides, gain: Gains, asked: PerSide
+        self, sides: Sides, gain: Gains, required: PerSide
     ) -> tuple[Float[Any, "C m"], PerSide]:
-        """The optimal controls of each craft's program, and the dual of each plane for either.
+        """The optimal controls of each craft's program, and the dual of each plane for both craft.
 
         ``gain`` has the row g of each plane for its first craft, whose negative is that of the
-        second; ``asked`` has d. With tensors, gradients run from the controls to both, since the
+        second; ``required`` has d. With tensors, gradients run from the controls to both, since the
         optimum is linear in them as long as its basis stays; none runs through duals.
         """
         (L, m), C = gain.shape, len(sides.craft)
         is_tensor = not isinstance(gain, np.ndarray)
-        differentiable = is_tensor and (gain.requires_grad or asked.requires_grad)
+        differentiable = is_tensor and (gain.requires_grad or required.requires_grad)
         controls, dual = np.empty((C, m)), np.zeros((L, 2))
         change = np.zeros((L if differentiable else 0, 2, m))  # ∂u/∂d
         own = (self.tableau, self.controls, self.basis, self.others, self.side, self.cost)
-        given = (sides.craft, sides.start, sides.order, plain(gain), plain(asked))
+        given = (sides.craft, sides.start, sides.order, plain(gain), plain(required))
         solve_all(*own, *given, LARGEST_DUAL, controls, dual, change)
         best = like(controls, gain)
         if differentiable:
             place = like(sides.place, gain)
             turned = (gain - constant(gain))[:, None] * rows(best, place).reshape(L, 2, m)
-            more = asked - constant(asked) - turned.sum(axis=2) * gain.new_tensor([1.0, -1.0])
+            more = required - constant(required) - turned.sum(axis=2) * gain.new_tensor([1.0, -1.0])
             moved = like(change, gain) * more[..., None]  # (L, 2, m), all 0 but for their gradient
             best = best.index_add(0, place, moved.reshape(2 * L, m))
         return best, dual
 
     def first_duals(self, craft: Int[Any, "k"], gain: Float[Any, "k m"]) -> Float[Any, "k"]:
-        """What the first unit along a row costs a craft: the dual simplex ratio."""
+        """The cost to a craft of the first unit along a row: the dual simplex ratio."""
         found = first_ratios(self.tableau, self.basis, self.others, self.cost, craft, gain)
         return np.asarray(found)
 
@@ -110,14 +110,14 @@ def decoupled_optima(
 @no_type_check
 @njit(cache=True)
 def solve_all(
-    tableau, own, basis, others, sides, costs, craft_of, start, order, gain, asked, largest,
+    tableau, own, basis, others, sides, costs, craft_of, start, order, gain, required, largest,
     controls, dual, change,
 ):  # fmt: skip
     """The optimum of each of C programs; all arrays are contiguous float64 or int64.
 
     The first six arguments are the fields of ``Decoupled``, the next three those of
-    ``Sides``; gain (L, m), asked (L, 2) and largest are g, d and Λ. Results are controls
-    (C, m), and what begins as zeros: duals (L, 2), and ∂u/∂asked (L, 2, m), which is (0, 2, m)
+    ``Sides``; gain (L, m), required (L, 2) and largest are g, d and Λ. Results are controls
+    (C, m), and what begins as zeros: duals (L, 2), and ∂u/∂required (L, 2, m), which is (0, 2, m)
     where it is not wanted. A plane has two sides, 2l and 2l + 1, for the two craft between which
     it is.
     """
@@ -137,12 +137,12 @@ def solve_all(
         u[:] = own[craft]
         rows, there[:] = 6, False
         while True:
-            # Most planes are met by an optimum that does not know of them, and need no row.
+            # The optimum without their rows satisfies most planes, which then need none.
             before = rows
             for p in range(len(mine)):
                 if there[p]:
                     continue
-                left = slack(gain, asked, mine[p], u)
+                left = slack(gain, required, mine[p], u)
                 if left < -SMALL:
                     there[p] = True
                     add_row(rows, m, p, gain, mine[p], left, body, value, side, basic, other)
@@ -161,19 +161,19 @@ def solve_all(
 
 @no_type_check
 @njit(cache=True, fastmath={"reassoc"})
-def slack(gain, asked, mine, controls):
+def slack(gain, required, mine, controls):
     """Slack of controls at a side's plane."""
     plane, second = mine >> 1, mine & 1
     along = 0.0
     for k in range(len(controls)):
         along += gain[plane, k] * controls[k]
-    return (-along if second else along) - asked[plane, second]
+    return (-along if second else along) - required[plane, second]
 
 
 @no_type_check
 @njit(cache=True)
 def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
-    """Append the slack of plane p as row i, in terms of the present nonbasic variables."""
+    """Append the slack of plane p as row i, expressed by the present nonbasic variables."""
     plane, sign = mine >> 1, -1.0 if mine & 1 else 1.0
     value[i], side[i], basic[i] = left, 1.0, m + p
     for k in range(len(other)):
@@ -188,7 +188,7 @@ def add_row(i, m, p, gain, mine, left, body, value, side, basic, other):
 @no_type_check
 @njit(cache=True)
 def first_ratios(tableau, basis, others, costs, craft_of, gain):
-    """What the first unit along rows (k, m) costs craft, (k,): the dual simplex ratio."""
+    """The cost to craft, (k,), of the first unit along rows (k, m): the dual simplex ratio."""
     moved, dual = np.empty(others.shape[1]), np.empty(len(craft_of))
     for c in range(len(craft_of)):
         craft, g = craft_of[c], gain[c]
@@ -201,7 +201,7 @@ def first_ratios(tableau, basis, others, costs, craft_of, gain):
         for k in range(len(moved)):
             size, cost = abs(moved[k]), costs[craft, k]
             rise = 1.0 - cost if moved[k] > 0 else 1.0 + cost
-            # The sign of rounding says nothing.
+            # The sign of a rounding error has no meaning.
             least = min(least, 1.0 / SMALL if size < SMALL else rise / size)
         dual[c] = least
     return dual
@@ -244,7 +244,7 @@ def pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
 @no_type_check
 @njit(cache=True)
 def entering_variable(sign, line, cost, other, m, largest, ratio):
-    """Which nonbasic variable enters for one that leaves its side: the first of the cheapest.
+    """The nonbasic variable that enters for one that leaves its side: the first of the cheapest.
 
     ``ratio`` becomes the dual of the leaving variable's row, ``line``, at which each would enter.
     """
@@ -289,7 +289,7 @@ def exchange(rows, leaving, entering, body, value, basic, other):
 @no_type_check
 @njit(cache=True)
 def read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change):
-    """Read duals off the tableau, and the derivatives of controls by what planes ask for."""
+    """Read duals off the tableau, and the derivatives of controls by the effects required."""
     for i in range(rows):
         if basic[i] >= m and side[i] < 0:  # the plane is violated
             plane = mine[basic[i] - m]

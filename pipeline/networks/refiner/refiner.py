@@ -1,9 +1,9 @@
-"""The refiner as an architecture: its network, its recipes, and what it learns from.
+"""The refiner as an architecture: its network, recipe, loss and score.
 
-It learns without plans: the loss is fuel over the lower bound with a penalty on encounters
-that are too close, in the iterates of every round, later ones weighing more. Swarms of ten craft
-become as crowded as larger ones by raising the collision radius as far as both formations allow: in
-units of r_col nothing else of a swarm matters.
+It learns without plans: the loss combines fuel over its lower bound and the shortfall of separation
+in the iterates of all rounds, of which later ones weigh more. Raised collision radii, as far as
+both formations allow, make swarms of ten craft as crowded as larger ones: only lengths in units of
+r_col matter.
 """
 
 from collections.abc import Mapping
@@ -22,12 +22,12 @@ from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.networks.refiner import model
 from pipeline.orbit.separation import drift_separations
 
-UNSAFE = 0.1  # added to an unsafe swarm's score, the log of fuel over the lower bound
-CROWDED = 1.02  # separation in free drift that raised collision radii leave at least, in r_col
+UNSAFE = 0.1  # added to the score of an unsafe swarm, the log of fuel over the lower bound
+CROWDED = 1.02  # least separation in free drift, in units of the raised collision radius
 
-RAISED = 2.5  # largest factor by which they are raised; denser swarms can hardly be planned
+RAISED = 2.5  # largest factor by which radii are raised; denser swarms can hardly be planned
 NO_FUEL = 1e-9  # fuel in r_col/Δt² that counts as none
-AT_ONCE = 500  # formations whose free drift is computed at once
+AT_ONCE = 500  # number of formations whose free drift is computed at once
 
 
 class Sizes(BaseModel):
@@ -41,21 +41,21 @@ class Sizes(BaseModel):
 
 
 class LossSettings(BaseModel):
-    """The options of a refiner's recipe; missing separation counts as fuel over the bound."""
+    """The options of a refiner's recipe, which weigh missing separation against fuel."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     rounds: int = Field(default=8, ge=1)  # in training
-    violation: float = 2.5  # weight of missing separation, fuel over the lower bound a r_col
-    # distance beyond r_col up to which it lacks something; none is seen beyond ``PLANE_DISTANCE``
+    violation: float = 2.5  # weight of missing separation: of fuel over the bound, per r_col
+    # margin beyond r_col below which separation is missing, in r_col; ``PLANE_DISTANCE`` limits it
     clear: float = Field(default=0.008, ge=0, le=model.PLANE_DISTANCE - 1)
-    earlier: float = 0.5  # weight of a round, as a share of that of the next
+    earlier: float = 0.5  # weight of a round, relative to that of the next
 
 
 class MessagePassing(nn.Module):
     """The weights of the network; ``model.trades`` is its forward pass. Untrained, trades are 0."""
 
-    hears: Float[Tensor, ""]  # 1; stored with the weights, 0 where trained without messages
+    hears: Float[Tensor, ""]  # 1, stored with the weights; 0 in models trained without messages
 
     def __init__(self, width: int, message: int, rounds: int) -> None:
         super().__init__()
@@ -69,12 +69,12 @@ class MessagePassing(nn.Module):
 
     @property
     def weights(self) -> model.Weights:
-        """By name, with their gradients."""
+        """The weights by name, with their gradients."""
         return dict(self.state_dict(keep_vars=True))
 
     @property
     def arrays(self) -> model.Weights:
-        """The same as arrays."""
+        """The weights by name, as numpy arrays."""
         return {name: plain(values) for name, values in self.weights.items()}
 
 
@@ -108,12 +108,12 @@ class Refiner:
     }
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
-        """The network that all encounters share; it has no dropout."""
+        """The network, whose weights all encounters share; it has no dropout."""
         sizes = Sizes.model_validate(dict(config))
         return MessagePassing(sizes.width, sizes.message, sizes.rounds)
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:
-        """Ends, m and m/s, collision radii, m, and those to which they may be raised."""
+        """Initial and goal states, m and m/s, collision radii, and the largest raised ones, m."""
         radius = swarms.collision_radius
         ends = torch.split(torch.cat([swarms.initial, swarms.goal]), AT_ONCE)
         separations = [drift_separations(some.numpy(), swarms.problem) for some in ends]
@@ -143,7 +143,7 @@ class Refiner:
     def score(
         self, network: MessagePassing, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Log of fuel and a penalty on unsafe plans, with collision radii given and raised."""
+        """Log of fuel over its bound plus a penalty if unsafe, with given and raised radii."""
         scores = []
         for radius in (batch["radius"], batch["most"]):
             data = model.problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
@@ -155,7 +155,7 @@ class Refiner:
     def answer(
         self, network: MessagePassing, swarms: Swarms, encoding: Encoding
     ) -> Float[Tensor, "b n _ 3"]:
-        """The cheapest safe iterate of each swarm, or else the last, m/s²."""
+        """Controls of the cheapest safe iterate of each swarm, or else of the last one, m/s²."""
         trained = model.TrainedRefiner(
             network.arrays, network.rounds, swarms.problem, digest="", device=swarms.device
         )
@@ -172,13 +172,13 @@ def _ratio(data: model.ProblemData, controls: Float[Tensor, "N m"]) -> Float[Ten
 def _augmented(
     batch: TensorBatch,
 ) -> tuple[Float[Tensor, "b n 6"], Float[Tensor, "b n 6"], Float[Tensor, "b"]]:
-    """Ends mirrored or reversed at random, which linear motion allows, and radii raised."""
+    """Both ends, negated or mirrored in z at random, as linear motion allows, and raised radii."""
     least, most = batch["radius"], batch["most"]
     radius = least + (most - least) * torch.rand_like(least)
-    behind, mirror = 1 - 2 * torch.bernoulli(radius.new_full((2, len(radius)), 0.5))
-    turn = behind[:, None, None].repeat(1, 1, 6)
-    turn[:, :, 2::3] *= mirror[:, None, None]  # out of plane: z and its velocity
-    return batch["initial"] * turn, batch["goal"] * turn, radius
+    negate, mirror = 1 - 2 * torch.bernoulli(radius.new_full((2, len(radius)), 0.5))
+    signs = negate[:, None, None].repeat(1, 1, 6)
+    signs[:, :, 2::3] *= mirror[:, None, None]  # out of plane: z and its velocity
+    return batch["initial"] * signs, batch["goal"] * signs, radius
 
 
 REFINER = Refiner()

@@ -13,12 +13,12 @@ from pipeline.networks.refiner.shapes import Gains, PerSide
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The two sides 2l and 2l + 1 of each of L planes, by craft."""
+    """The sides of L planes, grouped by craft; plane l has the sides 2l and 2l + 1."""
 
     craft: Int[Any, "C"]  # the C craft with planes, in order
-    start: Int[Any, "_"]  # where the sides of each begin in ``order``, and their number
-    order: Int[Any, "S"]  # all sides, one craft's after the other's
-    place: Int[Any, "S"]  # index in ``craft`` of each side's
+    start: Int[Any, "_"]  # where the sides of each begin in ``order``, and at last their number
+    order: Int[Any, "S"]  # all sides, craft after craft
+    place: Int[Any, "S"]  # of each side, the index of its craft in ``craft``
 
     @classmethod
     def of(cls, craft: Int[Any, "L 2"]) -> "Sides":
@@ -29,7 +29,7 @@ class Sides:
         return cls(there, start, place.argsort(stable=True), place)
 
     def totals(self, values: PerSide) -> PerSide:
-        """Of each side, the sum of the values of all sides of its craft."""
+        """For each side, the sum of values over all sides of its craft."""
         return np.bincount(self.place, values.reshape(-1))[self.place].reshape(values.shape)
 
     def aggregate(self, messages: Float[Any, "L 2 H"], free: Gains) -> Float[Any, "L 2 _"]:

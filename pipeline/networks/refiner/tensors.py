@@ -25,11 +25,11 @@ from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
 
-PAIRS_AT_ONCE = 2_000_000  # pairs and intervals that are computed at once
-PIVOTS_AT_ONCE = 4  # of all craft, before those that are done are put aside
+PAIRS_AT_ONCE = 2_000_000  # pairs times intervals that are computed at once
+PIVOTS_AT_ONCE = 4  # pivots of all programs, before those that are solved are left out
 
 
-# Encounters: who comes close to whom, and when.
+# Encounters: which craft come close to each other, and when.
 
 
 class Encounters(geometry.Encounters):
@@ -53,14 +53,14 @@ class Encounters(geometry.Encounters):
             moved = torch.ones_like(states[:, 0, 0], dtype=torch.bool)
             # Of the right shapes and types alone: none of it is kept, as all craft have moved.
             before = geometry.EncounterGeometry(within, within, within > 0)
-        looked = moved[self.first] | moved[self.second]
-        share, turning = before.share.masked_fill(looked, 0.0), before.turns & ~looked
-        distance = before.distance.masked_fill(looked, torch.inf)
-        which = (looked & ~stays_beyond(ends, within)).nonzero()[:, 0]
+        active = moved[self.first] | moved[self.second]
+        share, minimum = before.share.masked_fill(active, 0.0), before.is_minimum & ~active
+        distance = before.distance.masked_fill(active, torch.inf)
+        which = (active & ~stays_beyond(ends, within)).nonzero()[:, 0]
         share[which] = nearest(ends[which])
         distance[which] = torch.linalg.vector_norm(positions(ends[which], share[which]), dim=1)
-        turning[which] = turns(ends[which], share[which])
-        return geometry.EncounterGeometry(share, distance, turning)
+        minimum[which] = is_minimum(ends[which], share[which])
+        return geometry.EncounterGeometry(share, distance, minimum)
 
 
 def encounters(states: Float[Tensor, "N T 6"], n: int) -> Encounters:
@@ -93,12 +93,12 @@ def stays_beyond(ends: Float[Tensor, "L 2 6"], within: Float[Tensor, "L"]) -> Bo
     return (least > 0) & (least.square() > within.square() * middle.square().sum(dim=1))
 
 
-def turns(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
-    """Whether each pair comes closer before and parts after its closest approach."""
+def is_minimum(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
+    """Whether each pair's distance has a local minimum at its closest approach."""
     gap, speed = positions(ends, share), velocities(ends, share)
     along = (gap * speed).sum(dim=1) ** 2
-    level = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
-    return ((share > 0) & (share < 1)) | level
+    stationary = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
+    return ((share > 0) & (share < 1)) | stationary
 
 
 def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
@@ -136,14 +136,14 @@ class PaddedSides(Sides):
 
     @cached_property
     def table(self) -> tuple[Int[Tensor, "C P"], Bool[Tensor, "C P"]]:
-        """The sides of each craft, and which entries are sides and no filling."""
+        """The sides of each craft, and which entries are sides and not padding."""
         most = int((self.start[1:] - self.start[:-1]).max())
         slot = self.start[:-1, None] + torch.arange(most, device=self.start.device)
         real = slot < self.start[1:, None]
         return self.order[slot.clamp(max=len(self.order) - 1)], real
 
     def by_craft(self, values: Float[Tensor, "S *k"]) -> Float[Tensor, "C P *k"]:
-        """Values of sides as a table with a row for each craft, filled up with 0."""
+        """Values of sides as a table with a row for each craft, padded with 0."""
         side, real = self.table
         return values[side] * real.reshape(*real.shape, *[1] * (values.dim() - 1))
 
@@ -155,13 +155,14 @@ class PaddedSides(Sides):
         self, messages: Float[Tensor, "L 2 H"], free: Float[Tensor, "L m"]
     ) -> Float[Tensor, "L 2 _"]:
         """As ``Sides.aggregate``."""
-        said = self.by_craft(messages.flatten(0, 1))  # (C, P, H)
+        sent = self.by_craft(messages.flatten(0, 1))  # (C, P, H)
         plane = self.by_craft(torch.stack([free, -free], dim=1).flatten(0, 1))  # (C, P, m)
-        alike = plane @ (plane.mT @ said)
-        heard = torch.cat([alike, said.sum(dim=1, keepdim=True).expand_as(alike)], dim=2)
+        weighted = plane @ (plane.mT @ sent)
+        total = sent.sum(dim=1, keepdim=True).expand_as(weighted)
+        received = torch.cat([weighted, total], dim=2)
         side, real = self.table
-        result = heard.new_zeros(len(self.order), heard.shape[2])
-        result[side[real]] = heard[real]
+        result = received.new_zeros(len(self.order), received.shape[2])
+        result[side[real]] = received[real]
         return result.reshape(*messages.shape[:2], -1)
 
 
@@ -173,16 +174,16 @@ class Decoupled(programs.Decoupled):
     """Decoupled optima from which programs are solved all at once."""
 
     def optima(
-        self, sides: Sides, gain: Float[Tensor, "L m"], asked: Float[Tensor, "L 2"]
+        self, sides: Sides, gain: Float[Tensor, "L m"], required: Float[Tensor, "L 2"]
     ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "L 2"]]:
         """As ``programs.Decoupled.optima``."""
         assert isinstance(sides, PaddedSides)
         side, real = sides.table
         row = sides.by_craft(torch.stack([gain, -gain], dim=1).flatten(0, 1))
-        controls, paid = self[sides.craft].solved(row, asked.reshape(-1)[side], real)
-        dual = torch.zeros_like(asked).reshape(-1)
-        dual[side[real]] = paid[real]
-        return controls, dual.reshape(asked.shape)
+        controls, duals = self[sides.craft].solved(row, required.reshape(-1)[side], real)
+        dual = torch.zeros_like(required).reshape(-1)
+        dual[side[real]] = duals[real]
+        return controls, dual.reshape(required.shape)
 
     def first_duals(
         self, craft: Int[Tensor, "k"], gain: Float[Tensor, "k m"]
@@ -191,10 +192,10 @@ class Decoupled(programs.Decoupled):
         return self[craft].first_ratios(gain[:, None])[:, 0]
 
     def first_ratios(self, row: Float[Tensor, "C p m"]) -> Float[Tensor, "C p"]:
-        """What the first unit along each row of a craft costs it: the dual simplex ratio."""
+        """The cost to each craft of the first unit along its rows: the dual simplex ratio."""
         moved, cost = -self._reduced(row), self.cost[:, None]
         rise = torch.where(moved > 0, 1 - cost, 1 + cost)
-        # The sign of rounding says nothing.
+        # The sign of a rounding error has no meaning.
         rise = torch.where(moved.abs() < programs.SMALL, 1.0, rise)
         return (rise / moved.abs().clamp(min=programs.SMALL)).amin(dim=2)
 
@@ -204,7 +205,7 @@ class Decoupled(programs.Decoupled):
         return basic @ self.tableau - other
 
     def solved(
-        self, row: Float[Tensor, "C p m"], asked: Float[Tensor, "C p"], real: Bool[Tensor, "C p"]
+        self, row: Float[Tensor, "C p m"], required: Float[Tensor, "C p"], real: Bool[Tensor, "C p"]
     ) -> tuple[Float[Tensor, "C m"], Float[Tensor, "C p"]]:
         """Controls and duals of each program, with planes g·u ≥ d where they are ``real``.
 
@@ -212,7 +213,7 @@ class Decoupled(programs.Decoupled):
         """
         (C, p, m), new = row.shape, row.new_ones
         row = torch.where(real[..., None], row, 0.0)
-        left = torch.where(real, (row @ self.controls[..., None])[..., 0] - asked, 1.0)
+        left = torch.where(real, (row @ self.controls[..., None])[..., 0] - required, 1.0)
         planes = torch.arange(m, m + p, device=row.device).expand(C, -1)
         begun = Tableau(
             torch.cat([self.tableau, self._reduced(row)], dim=1),
@@ -296,17 +297,17 @@ class Tableau(NamedTuple):
     basic: Int[Tensor, "C b"]
     other: Int[Tensor, "C o"]
     cost: Float[Tensor, "C o"]
-    there: Bool[Tensor, "C b"]  # rows of controls, and of planes once an optimum did not meet them
-    pivots: Int[Tensor, "1"]  # how many so far
+    there: Bool[Tensor, "C b"]  # rows of controls, and of planes once an optimum violated them
+    pivots: Int[Tensor, "1"]  # number of pivots so far
 
 
 def _gather(values: Tensor, index: Int[Tensor, "C k"]) -> Tensor:
-    """The entries of each program's rows in some columns."""
+    """The entries of each program's rows in the given columns."""
     return values.gather(2, index[:, None].expand(-1, values.shape[1], -1))
 
 
 def _repeat(pivot: Callable[..., Tableau], now: Tableau) -> Tableau:
-    """Pivots as long as any program goes on; where it is traced, as one loop of the graph."""
+    """Pivots until every program is solved; in a traced graph, as one loop."""
     if torch.compiler.is_exporting():
         loop = torch.while_loop(_any_infeasible, lambda *parts: tuple(pivot(*parts)), tuple(now))  # type: ignore[no-untyped-call]
         return Tableau(*loop)
@@ -333,10 +334,7 @@ def _any_infeasible(*parts: Tensor) -> Tensor:
 
 
 def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
-    """One step: the worst variable goes over to its other side, or another takes its place.
-
-    Programs that are done stay as they are.
-    """
+    """One step: the worst infeasible variable changes side or leaves; solved programs stay."""
     body, value, side, basic, other, cost, there, count = now
     off = -value * side
     wrong = off > programs.SMALL

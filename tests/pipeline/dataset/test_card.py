@@ -315,15 +315,15 @@ def test_a_dataset_without_a_plan_has_a_card_that_says_so(tmp_path):
     weak = replace(Problem(), max_acceleration=1e-9)
     sample(tmp_path, {2: Sample(count=1, shares=(1.0, 0.0, 0.0))}, weak, workers=ONE)
     solve(tmp_path, Settings(), workers=ONE)
-    assert "out of account, so the true distance may be much smaller. No row is solved." in (
+    assert "all other craft, so the true difference may be much smaller. No row is solved." in (
         " ".join(write_card(tmp_path).split())
     )
 
 
 def test_the_card_is_the_same_for_any_number_of_workers_and_pieces(carded, monkeypatch):
     alone = (carded / "README.md").read_bytes()
-    monkeypatch.setattr(card, "PIECE", 1)  # each shard by itself
-    monkeypatch.setattr(card, "FEW", 0)
+    monkeypatch.setattr(card, "VALUES_PER_TASK", 1)  # each shard by itself
+    monkeypatch.setattr(card, "FEW_TASKS", 0)
     for jobs in (1, 2):
         (carded / "README.md").unlink()
         write_card(carded, workers=Workers(jobs))

@@ -204,7 +204,7 @@ def test_scenarios_are_drawn_rows_verified_and_a_card_written_by_a_cluster(
     assert content(drawn) == content(here)
     assert list(verify(drawn, workers=workers)) == []
     alone = write_card(drawn, workers=Workers(1))
-    monkeypatch.setattr(card, "PIECE", 8 * 5 * 66 * 5)  # a few shards of eight scenarios
+    monkeypatch.setattr(card, "VALUES_PER_TASK", 8 * 5 * 66 * 5)  # a few shards of eight scenarios
     progress = After(lambda: None)
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1000}):
         assert write_card(drawn, workers=workers, progress=progress) == alone

@@ -107,7 +107,7 @@ def test_a_relative_name_may_look_like_a_uri(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("run:1", "mailto:x"):  # Arrow ends the process at these
         folder = open_folder(name)
-        assert not folder.is_there()
+        assert not folder.is_present()
         folder.publish("n=2/a", b"a")
         assert (tmp_path / name / "n=2" / "a").read_bytes() == folder.read("n=2/a") == b"a"
 

@@ -204,7 +204,7 @@ def test_timings_of_another_run_of_the_same_rows_are_adopted(solved, tmp_path, m
     other = (twin / "_timings" / SHARD).read_bytes()
     assert other != (solved / "_timings" / SHARD).read_bytes()
     (solved / "_timings" / SHARD).write_bytes(other)
-    assert [fault.what[:8] for fault in faults(solved)] == ["is whole"]
+    assert [fault.what[:9] for fault in faults(solved)] == ["is intact"]
     monkeypatch.setattr("pipeline.dataset.making.solve_many", None)
     repair(solved, workers=ONE)
     assert faults(solved) == []

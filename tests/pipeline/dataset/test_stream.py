@@ -14,7 +14,7 @@ import torch
 
 from pipeline.dataset.examples import ExampleStream
 from pipeline.dataset.manifest import recorded
-from pipeline.dataset.reading import COPIES, bytes_of_one, solved_examples
+from pipeline.dataset.reading import COPIES, instance_bytes, solved_examples
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import SOLVED_FIELDS, metadata
 from pipeline.errors import InputError
@@ -80,7 +80,7 @@ def folder(tmp_path_factory):
 
 
 def streamed(folder, split="train", held=50):
-    memory = float(COPIES) * held * bytes_of_one(3, Problem())
+    memory = float(COPIES) * held * instance_bytes(3, Problem())
     return solved_examples(folder, 3, split, memory)
 
 
@@ -202,7 +202,7 @@ for memory in map(float, sys.argv[2:]):
 def test_the_memory_that_training_takes_is_bounded_by_what_it_is_given(tmp_path):
     one = Sample(count=5000, shares=(0.88, 0.12, 0.0), shard_rows=100)
     write_dataset(tmp_path, 10, one)
-    size = 4400 * bytes_of_one(10, Problem())
+    size = 4400 * instance_bytes(10, Problem())
     assert size > 27e6
     run = subprocess.run(
         [sys.executable, "-c", TRAIN, str(tmp_path), "2e9", "15e6"],

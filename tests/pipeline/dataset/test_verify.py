@@ -13,7 +13,7 @@ from judge import judge_dataset
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.schema import metadata, scenario_table
-from pipeline.dataset.verifying import repair, stands_alone, verify
+from pipeline.dataset.verifying import is_sound_shard, repair, verify
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
@@ -210,19 +210,19 @@ def given_up(columns):
         (moved, "breaks the dynamics"),
         (pushed, "breaks the dynamics"),
         (other_goal, "misses an end"),
-        (cheap, "has another fuel than its controls"),
-        (bound_above_fuel, "needs less fuel than its lower bound"),
-        (apart, "has another least separation than its states"),
-        (hit, "has other node collisions than its states"),
-        (unflown, "is not whole"),
+        (cheap, "claims a fuel other than that of its controls"),
+        (bound_above_fuel, "has less fuel than its lower bound"),
+        (apart, "claims a least separation other than that of its states"),
+        (hit, "claims node collisions other than those of its states"),
+        (unflown, "has missing values, or values that its status excludes"),
         (no_number, "breaks the dynamics"),
-        (no_fuel, "has another gap than its fuel"),
+        (no_fuel, "claims a gap other than that of its fuel"),
         (less_than_none, "has a lower bound that is not 0 or more"),
-        (uncounted, "is not whole"),
+        (uncounted, "has missing values, or values that its status excludes"),
         (counted_down, "has a negative number of convex programs"),
-        (touching, "is not whole"),
+        (touching, "has missing values, or values that its status excludes"),
         (banana, "has none of the statuses solved, infeasible, unsolved, unsafe"),
-        (infeasible, "is not whole"),
+        (infeasible, "has missing values, or values that its status excludes"),
         (given_up, "is not proven to be infeasible"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
@@ -287,7 +287,7 @@ def uneven(columns):
     columns["goal"][0].append(columns["goal"][1].pop(0))
 
 
-OTHER = "has other scenarios than are drawn for it"
+OTHER = "has other scenarios than the manifest expects"
 SIZES, FAMILIES = "has rows of other swarm sizes than 3", "has rows of other families than rings"
 
 
@@ -301,8 +301,12 @@ SIZES, FAMILIES = "has rows of other swarm sizes than 3", "has rows of other fam
         (one_more, "_scenarios/" + SHARD, {OTHER, SIZES}),
         (another_family, "_scenarios/" + SHARD, {OTHER, FAMILIES}),
         (five_metres, "_scenarios/" + SHARD, {OTHER}),
-        (nowhere, "_scenarios/" + SHARD, {OTHER, "has ends that are not finite numbers"}),
-        (uneven, "_scenarios/" + SHARD, {OTHER, "has ends of another shape"}),
+        (
+            nowhere,
+            "_scenarios/" + SHARD,
+            {OTHER, "has initial or goal states that are not finite numbers"},
+        ),
+        (uneven, "_scenarios/" + SHARD, {OTHER, "has initial or goal states of another shape"}),
     ],
     ids=lambda value: getattr(value, "__name__", None),
 )
@@ -331,7 +335,7 @@ def test_a_large_shard_of_another_dataset_is_known_to_hold_sound_rows():
     n, rows, rng = 1000, 1700, np.random.default_rng(0)
     about = metadata(Problem(), {}, {})
     swarms = [Scenario(Problem(), *rng.random((2, n, 6)), "rings", "") for _ in range(rows)]
-    assert stands_alone(encode(scenario_table(swarms, ["test"] * rows, about)))
+    assert is_sound_shard(encode(scenario_table(swarms, ["test"] * rows, about)))
 
 
 def test_plans_that_pass_too_close_are_found_between_nodes_too(tmp_path):

@@ -19,7 +19,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.export import write_plan_as
 from pipeline.export.burns import Masses, write_burns
-from pipeline.export.messages import write_ephemerides, write_parameters
+from pipeline.export.messages import write_ephemerides, write_orbit_parameters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.thrust import Thrust
@@ -129,7 +129,7 @@ def test_masses_that_are_none_are_refused(masses, words):
 @pytest.fixture(scope="module")
 def messages(made, tmp_path_factory):
     folder = tmp_path_factory.mktemp("opm")
-    files = write_parameters(made, folder, "my plan", Masses.of(3, MASS, IMPULSE))
+    files = write_orbit_parameters(made, folder, "my plan", Masses.of(3, MASS, IMPULSE))
     return files, [NdmIo().from_path(file).body.segment for file in files]
 
 
@@ -190,12 +190,12 @@ def test_its_burns_held_in_inertial_axes_lead_nearly_to_the_goal(made, messages)
 
 def test_an_opm_without_masses_or_a_place_is_refused(made, tmp_path):
     with pytest.raises(InputError, match=r"expected mass \(kg\) and specific_impulse \(s\)"):
-        write_parameters(made, tmp_path, "p", Masses.of(3, 12.0))
+        write_orbit_parameters(made, tmp_path, "p", Masses.of(3, 12.0))
     with pytest.raises(InputError, match="such as 12 and 220"):
-        write_parameters(made, tmp_path, "p", None)
+        write_orbit_parameters(made, tmp_path, "p", None)
     nowhere = replace(made, scenario=replace(made.scenario, reference=None))
     with pytest.raises(InputError, match='"reference"'):
-        write_parameters(nowhere, tmp_path, "p", Masses.of(3, 12.0, 220.0))
+        write_orbit_parameters(nowhere, tmp_path, "p", Masses.of(3, 12.0, 220.0))
     assert list(tmp_path.iterdir()) == []
 
 

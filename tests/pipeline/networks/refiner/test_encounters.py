@@ -145,7 +145,7 @@ def turning(x, speed):
     each = np.arange(len(x) - 1)
     met = Encounters(np.zeros_like(each), np.ones_like(each), each)
     found = approaches(met, states)
-    return each[found.turns].tolist(), found
+    return each[found.is_minimum].tolist(), found
 
 
 def test_a_pair_turns_in_the_intervals_in_which_its_distance_has_a_minimum():

@@ -8,8 +8,8 @@ from pipeline.arrays import plain
 from pipeline.networks.refiner.model import (
     FEATURES,
     MARGIN,
+    MINIMA_ONLY,
     PLANE_DISTANCE,
-    TURNS_ONLY,
     gets_plane,
     separation_shares,
     trade_of,
@@ -85,8 +85,20 @@ def test_message_passing_is_that_of_torch_s_own_layers():
 
 def test_planes_stand_where_pairs_turn_and_later_also_wherever_they_are_too_close():
     distance = np.array([0.9, 0.9, 1.05, 1.2, 1.4])
-    turns = np.array([True, False, False, True, True])
+    is_minimum = np.array([True, False, False, True, True])
     assert 1.2 < PLANE_DISTANCE < 1.4
-    for number in range(TURNS_ONLY):
-        assert gets_plane(distance, turns, number).tolist() == [True, False, False, True, False]
-    assert gets_plane(distance, turns, TURNS_ONLY).tolist() == [True, True, False, True, False]
+    for number in range(MINIMA_ONLY):
+        assert gets_plane(distance, is_minimum, number).tolist() == [
+            True,
+            False,
+            False,
+            True,
+            False,
+        ]
+    assert gets_plane(distance, is_minimum, MINIMA_ONLY).tolist() == [
+        True,
+        True,
+        False,
+        True,
+        False,
+    ]

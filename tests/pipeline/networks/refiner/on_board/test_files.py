@@ -22,7 +22,7 @@ from pipeline.networks.refiner.on_board_export import (
     compare,
     export_craft,
     fly_rounds,
-    together,
+    swarm_controls,
 )
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
@@ -102,7 +102,7 @@ def test_a_swarm_whose_craft_run_the_files_finds_what_the_swarm_finds(model, exp
         controls, safe, counts = flown(exported, ends)
         encounters |= counts
         data = problem_data(PROBLEM, *(end[None] for end in ends), np.array([RADIUS]))
-        found = compare(controls, together(model.network, PROBLEM, *ends))
+        found = compare(controls, swarm_controls(model.network, PROBLEM, *ends))
         compared.append(found)
         if not found.tie:
             chosen = controls[cheapest(np.abs(controls).sum(axis=(1, 2)), safe)]

@@ -13,10 +13,15 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner import tensors
 from pipeline.networks.refiner.geometry import Encounters, grid_of
 from pipeline.networks.refiner.on_board import ROUND, STEPS, told_each_round
-from pipeline.networks.refiner.on_board_export import Discrepancy, compare, fly_rounds, together
+from pipeline.networks.refiner.on_board_export import (
+    Discrepancy,
+    compare,
+    fly_rounds,
+    swarm_controls,
+)
 from pipeline.networks.refiner.programs import LARGEST_DUAL, decoupled_optima
 from pipeline.networks.refiner.sides import Sides
-from pipeline.networks.refiner.tensors import nearest, turns
+from pipeline.networks.refiner.tensors import is_minimum, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario import draw
@@ -60,7 +65,7 @@ def by_craft(made, initial, goal):
 def test_by_the_rule_alone_craft_by_themselves_fly_as_the_swarm_does(family, n):
     for k in range(2):
         ends = drawn(family, n, k)
-        wanted = together(network(0.0), PROBLEM, *ends)
+        wanted = swarm_controls(network(0.0), PROBLEM, *ends)
         difference = np.abs(by_craft(network(0.0), *ends) - wanted).max()
         assert difference <= 1e-6 * np.abs(wanted).max()
 
@@ -70,9 +75,9 @@ def test_what_is_learned_is_bargained_craft_by_craft_as_in_the_swarm():
     found = []
     for family, n, k in [("rings", 10, 2), ("rings", 10, 4), ("dense", 5, 2), ("dense", 5, 3)]:
         ends = drawn(family, n, k)
-        wanted = together(made, PROBLEM, *ends)
+        wanted = swarm_controls(made, PROBLEM, *ends)
         assert (
-            np.abs(wanted - together(network(0.0), PROBLEM, *ends)).max()
+            np.abs(wanted - swarm_controls(network(0.0), PROBLEM, *ends)).max()
             > 1e-3 * np.abs(wanted).max()
         )
         found.append(compare(by_craft(made, *ends), wanted))
@@ -144,8 +149,8 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     ends = torch.from_numpy(met.relative(states))
     share, found = nearest(ends), met.approaches(states, np.full(len(met), np.inf))
     assert share.numpy() == pytest.approx(found.share, abs=1e-6)
-    assert np.array_equal(turns(ends, share).numpy(), found.turns)
-    assert (~found.turns).sum() > 5
+    assert np.array_equal(is_minimum(ends, share).numpy(), found.is_minimum)
+    assert (~found.is_minimum).sum() > 5
 
 
 def test_the_decoupled_optimum_that_a_craft_looks_up_is_the_swarm_s():
