@@ -260,9 +260,10 @@ function drawPrinted() {
     Plotly.react(id, traces(), { ...setting(), width, height }, CONFIG);
   }
   dispatchEvent(new Event("resize")); // which the canvas in 3D waits for
+  const drawn = find("space").querySelector("canvas"), copy = find("printed");
+  if (!drawn) return; // a browser without WebGL
   find("space")._fullLayout.scene._scene.glplot.redraw();
   // Of that canvas browsers print what was on the screen, and so of a copy.
-  const drawn = find("space").querySelector("canvas"), copy = find("printed");
   [copy.width, copy.height] = [drawn.width, drawn.height];
   copy.getContext("2d").drawImage(drawn, 0, 0);
 }
