@@ -31,7 +31,7 @@ class Shared:
 
     def opened(self) -> Folder:
         """In a worker: the folder; InputError where it does not have the mark."""
-        reason = "what is there, if anything, is another folder"
+        reason = "what is there is another folder, or none"
         try:
             folder = _open(self.url)
             if folder.exists(self.mark):
