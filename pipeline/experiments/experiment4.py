@@ -1,6 +1,5 @@
 """Experiment 4: networks at transfer times that they were not trained for."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +15,6 @@ from pipeline.figures import labels
 from pipeline.figures.labels import REFINERS, is_network, percents, ratio_within, share
 from pipeline.figures.style import PAGE_WIDTH, REFERENCE, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
-from pipeline.markup import Markdown
 
 
 def summarize_times(times: pd.DataFrame) -> pd.DataFrame:
@@ -42,9 +40,6 @@ def rows_varying(summary: pd.DataFrame, varied: str) -> pd.DataFrame:
     mine = summary["varied"] == varied
     return summary[mine] if (home & mine).any() else pd.concat([summary[mine], summary[home]])
 
-
-NO_BREAK = "\N{NO-BREAK SPACE}"
-_UNIT = re.compile(r"(?<!,) ")  # spaces within "20 min" and "Δt = 120 s", where no line may end
 
 PRINTED_MINUTES = {10, 14, 20, 30, 40}  # columns of the page, if evaluated; the CSV files have all
 
@@ -77,8 +72,7 @@ def times_tables(summary: pd.DataFrame) -> dict[str, Table]:
         mine = rows[rows["varied"] == varied].sort_values("minutes", kind="stable")
         shown = averages.printed_values(mine["minutes"], PRINTED_MINUTES)
         printed += dict.fromkeys(mine.loc[mine["minutes"].isin(shown), "grid"])
-    headings = {title: Markdown(_UNIT.sub(NO_BREAK, title)) for title in printed}
-    return averages.tables_against(rows, "experiment4", "grid", headings)
+    return averages.tables_against(rows, "experiment4", "grid", {title: title for title in printed})
 
 
 def _title(row: "pd.Series[Any]", steps: Mapping[float, str]) -> str:

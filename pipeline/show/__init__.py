@@ -7,7 +7,6 @@ from pathlib import Path
 
 from jinja2.utils import htmlsafe_json_dumps
 
-from pipeline.figures.labels import number
 from pipeline.files import write_text
 from pipeline.markup import template
 from pipeline.plan import Plan, Rechecked, recheck
@@ -33,7 +32,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         certificate=certificate_rows(shown.plan, claimed.status),
         setting=scenario_rows(scenario),
         thrusters=bool(found.craft_delta_v_thrusters),
-        spent=list(zip(*(map(number, some) for some in by_kind if some), strict=True)),
+        spent=list(zip(*filter(None, by_kind), strict=True)),
         planning=planner_rows(shown.plan, claimed.status),
         pairs=pairs,
         ends={"initial": "start", "goal": "goal"},

@@ -44,7 +44,7 @@ app({arguments})
 @pytest.mark.skipif(available() is None, reason="the system does not say what is free")
 @pytest.mark.parametrize("command", ["show", "fly"])
 def test_a_plan_that_is_too_large_to_look_at_is_refused_in_a_sentence(command, tmp_path):
-    scenario = draw("rings", 0, 500, 0, Problem())
+    scenario = draw("rings", 0, 1000, 0, Problem())
     (plan,) = named_planner("minimum-energy").plan([scenario])
     write_plan(tmp_path / "plan.json", plan)
     program = COMMAND.format(arguments=[command, str(tmp_path / "plan.json")])

@@ -430,5 +430,5 @@ def test_coasts_are_zeros_and_table_file_and_page_have_the_delta_v_of_each_craft
     for k, u in enumerate(controls):
         one, two = 120 * np.abs(u).sum(), 120 * np.linalg.norm(u, axis=1).sum()
         assert re.search(rf"^{k} +{one:.3g}0* +{two:.3g}0*$", done.stdout, re.MULTILINE)
-        row = rf'<th scope="row">{k}</th><td>{one:.4g} m/s</td><td>{two:.4g} m/s</td>'
+        row = rf'<th scope="row">{k}</th><td>{one:#.4g} m/s</td><td>{two:#.4g} m/s</td>'
         assert row in page

@@ -108,4 +108,4 @@ def test_nonsense_in_the_metadata_for_pandas_is_refused_or_does_not_matter(nonse
     try:
         assert list(table_from(written(table))["n"]) == [1]
     except InputError as error:
-        assert "no table of pandas" in str(error)
+        assert "it is no pandas table" in str(error)

@@ -78,7 +78,7 @@ def test_planners_keep_the_order_of_the_other_tables_though_some_fit_one_time_al
 def test_tables_have_both_ways_and_dashes_where_a_network_does_not_fit(times):
     collisions, safe, fuel = times_tables(summarize_times(times)).values()
     header, body = cells(fuel)
-    assert [heading.replace("\N{NO-BREAK SPACE}", " ") for heading in header[3:]] == [
+    assert header[3:] == [
         "10 min, T = 6",
         "20 min, T = 11",
         "40 min, T = 21",
@@ -86,7 +86,6 @@ def test_tables_have_both_ways_and_dashes_where_a_network_does_not_fit(times):
         "20 min, Δt = 120 s",
         "40 min, Δt = 240 s",
     ]
-    assert {heading.split(" ")[0][-1] for heading in header[3:]} == {","}, "lines end nowhere else"
     by_row = {tuple(row[:3]): row[3:] for row in body}
     assert by_row["LSTM1", "tuned", "flown"] == ["1.250", "1.200", "3.500"] * 2
     assert by_row["FF1", "paper", "flown"] == ["–", "9.000", "–", "9.000", "9.000", "9.000"]
@@ -153,7 +152,7 @@ def test_transfer_times_that_hardly_differ_are_told_apart(times):
     near = times.replace({"time_step": {60.0: 119.99999, 240.0: 120.00001}})
     header, _ = cells(times_tables(summarize_times(near))["fuel"])
     steps = ["119.99999", "120", "120.00001"]
-    assert header[6:] == [f"20\xa0min, Δt\xa0=\xa0{step}\xa0s" for step in steps]
+    assert header[6:] == [f"20 min, Δt = {step} s" for step in steps]
     other = times_findings(near, trained(("lstm1", "tuned", 0.5, 1.0)))[1]
     assert "(20.000002 min)" in other.numbers, "of 4, 4 and 2 safe trials, the last is the worst"
 

@@ -126,7 +126,7 @@ def by_cvxpy(scenario, aim):
     model = SwarmModel(scenario)
     i, j = np.triu_indices(scenario.n, 1)
     apart = []
-    for t, gap in enumerate(model.gaps(), start=1):
+    for t, gap in enumerate(model.relative_positions(), start=1):
         normal = aim[i, t, :3] - aim[j, t, :3]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         along = cp.sum(cp.multiply(normal, gap), axis=1)

@@ -11,7 +11,7 @@ from pipeline.flight import errors as flown_errors
 from pipeline.flight.trials import feedback, fly_trials
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.covariance import Uncertainty, dispersion
-from pipeline.orbit.feedback import WITHIN, feedback_gains
+from pipeline.orbit.feedback import HORIZON, feedback_gains
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.risk import collision_risk
@@ -55,7 +55,7 @@ def test_feedback_is_stable_over_many_orbits(step):
     problem = Problem(time_step=step, nodes=200)
     A, B = exact_step(problem.mean_motion, step)
     off = np.eye(6)
-    within = int(np.ceil(2 * WITHIN * 2 * np.pi / problem.mean_motion / step)) + 2
+    within = int(np.ceil(2 * HORIZON * 2 * np.pi / problem.mean_motion / step)) + 2
     for gain in feedback_gains(problem)[: 3 * within]:
         off = (A + B @ gain) @ off
     assert np.abs(off[:3]).max() < 1.0

@@ -112,7 +112,7 @@ def test_a_network_that_answers_with_controls_is_saved_and_loaded_like_any_other
 
 
 def test_a_network_that_learns_the_expert_s_plans_refuses_scenarios_without():
-    with pytest.raises(InputError, match="no plans of the expert"):
+    with pytest.raises(InputError, match="expert's plans, and the scenarios have none"):
         trained("ff1")
 
 
