@@ -86,7 +86,7 @@ class ConicProgram:
 
     @property
     def pointed(self) -> bool:
-        """Whether there is a single thruster that is pointed."""
+        """Whether the model is one thruster that can point in any direction."""
         return self.sub.thrust.directions is None
 
     @property

@@ -190,7 +190,7 @@ def _driven(
     burn: Float[Array, "n intervals 3 3"],
     thruster: Float[Array, "n intervals 3 4"],
 ) -> Dispersion:
-    """The dispersion that errors with these square roots of covariances cause by responses."""
+    """The dispersion from linear responses to errors and square roots of their covariances."""
     (n, m), count = burn.shape[:2], len(known)
 
     def columns(navigation: Array, burns: Array) -> Array:

@@ -66,7 +66,7 @@ def loss_encounters(
 def least_after_loss(
     states: States, controls: Controls, problem: Problem, orbits: float, swarms: SwarmPartition
 ) -> list[Separation]:
-    """The least separation of a drifting craft from another in each swarm."""
+    """The least separation between a craft after loss of thrust and any other, in each swarm."""
     paths = _Paths(
         swarms.all_states(states), swarms.all_controls(controls), problem, orbits, swarms
     )

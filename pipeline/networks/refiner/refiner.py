@@ -143,7 +143,7 @@ class Refiner:
     def score(
         self, network: MessagePassing, batch: TensorBatch, encoding: Encoding, recipe: Recipe
     ) -> Float[Tensor, ""]:
-        """Log of fuel over its bound plus a penalty if unsafe, with given and raised radii."""
+        """Mean log of fuel over its bound, plus a penalty if unsafe, at given and raised radii."""
         scores = []
         for radius in (batch["radius"], batch["most"]):
             data = model.problem_data(encoding.problem, batch["initial"], batch["goal"], radius)
