@@ -233,12 +233,7 @@ def compare_families(
 def _listed(rows: pd.DataFrame, avg: Average) -> str:
     columns = rows[["planner", avg.source, avg.spread]]
     return ", ".join(
-        f"{labels.name_of(planner)} "
-        + (
-            labels.number(mean)
-            if pd.isna(spread)
-            else labels.with_spread(labels.number(mean), labels.number(spread))
-        )
+        f"{labels.name_of(planner)} {labels.number(mean, spread)}"
         for planner, mean, spread in columns.itertuples(index=False)
     )
 

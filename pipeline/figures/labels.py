@@ -9,28 +9,42 @@ MISSING = "–"  # what stands for a number that does not exist
 NEGLIGIBLE = 1e-6  # errors below this are rounding of the arithmetic, m
 
 
-def number(value: float) -> str:
+def number(value: float, spread: float = math.nan) -> str:
     """Three significant digits; whole numbers from 100 on, powers of ten below 0.001.
+
+    A spread that is not NaN follows with the value's decimals.
 
     >>> number(0.05), number(1.9064), number(12345.6), number(0.0000123)
     ('0.0500', '1.91', '12,346', '1.23e-5')
+    >>> number(1.9, 0.0472)
+    '1.90 ± 0.05'
     """
     if math.isnan(value):
         return MISSING
-    if value == 0 or math.isinf(value):
-        return f"{value:.0f}".replace("inf", "∞")
     size = abs(float(f"{value:.2e}"))
-    if size >= 100:
-        return f"{value:,.0f}"
-    if size >= 1e-3:
-        return f"{value:#.3g}"
-    mantissa, exponent = f"{value:.2e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
+    if 1e-3 <= size < math.inf:
+        return _fixed(value, spread, max(0, 2 - math.floor(math.log10(size))))
+    if size in (0, math.inf):
+        text = f"{value:.0f}".replace("inf", "∞")
+    else:
+        mantissa, exponent = f"{value:.2e}".split("e")
+        text = f"{mantissa}e{int(exponent)}"
+    return text if math.isnan(spread) else f"{text} ± {number(spread)}"
 
 
-def ratio(value: float) -> str:
+def ratio(value: float, spread: float = math.nan) -> str:
     """Three decimals around 1; elsewhere as ``number``."""
-    return f"{value:.3f}" if 0.1 <= value < 10 else number(value)
+    return _fixed(value, spread, 3) if 0.1 <= value < 10 else number(value, spread)
+
+
+def _fixed(value: float, spread: float, decimals: int) -> str:
+    """A value, and its spread unless that is NaN, with so many decimals."""
+    text, least = f"{value:,.{decimals}f}", 10.0**-decimals
+    if math.isnan(spread):
+        return text
+    if 0 < spread < least / 2:
+        return f"{text} ± < {least:.{decimals}f}"
+    return f"{text} ± {spread:,.{decimals}f}"
 
 
 def count(value: float) -> str:
@@ -38,16 +52,25 @@ def count(value: float) -> str:
     return MISSING if math.isnan(value) else f"{value:,.0f}"
 
 
-def share(value: float) -> str:
-    """A share in percent that reads 0 % or 100 % only where it is exactly that."""
+def share(value: float, spread: float = math.nan) -> str:
+    """A share in percent that reads 0 % or 100 % only where it is exactly that.
+
+    >>> share(0.44), share(0.44, 0.021), share(0.9999)
+    ('44 %', '44.0 % ± 2.1 %', '> 99.9 %')
+    """
     if math.isnan(value):
         return MISSING
-    if value in (0.0, 1.0):
-        return f"{100 * value:.0f} %"
-    percent = 100 * value
-    if percent < 0.1 or percent > 99.9:
+    texts = [_percent(value)] if math.isnan(spread) else [_percent(value), _percent(spread)]
+    if all(text.endswith(".0 %") for text in texts):
+        texts = [text.replace(".0 %", " %") for text in texts]
+    return " ± ".join(texts)
+
+
+def _percent(share: float) -> str:
+    percent = 100 * share
+    if 0 < percent < 0.1 or 99.9 < percent < 100:
         return "< 0.1 %" if percent < 0.1 else "> 99.9 %"
-    return f"{percent:.1f}".removesuffix(".0") + " %"
+    return f"{percent:.1f} %"
 
 
 def percents(low: float, high: float) -> str:
@@ -63,26 +86,6 @@ def ratios(low: float, high: float) -> str:
 def ratio_within(value: float, interval: tuple[float, float]) -> str:
     """Text of a ratio and its confidence interval; without the interval where it is NaN."""
     return ratio(value) if math.isnan(interval[0]) else f"{ratio(value)} {ratios(*interval)}"
-
-
-def with_spread(value: str, spread: str) -> str:
-    """Texts of a value and its spread, with the value's decimals; one where a share's has some.
-
-    >>> with_spread("1.90", "0.0472"), with_spread("44 %", "2.1 %")
-    ('1.90 ± 0.05', '44.0 % ± 2.1 %')
-    """
-    unit = " %" if value.endswith(" %") else ""
-    mean, size = (text.removesuffix(unit).replace(",", "") for text in (value, spread))
-    try:
-        known, noise = float(mean), float(size)
-    except ValueError:  # one of them says no number, such as "< 0.1 %"
-        return f"{value} ± {spread}"
-    decimals = len(mean.partition(".")[2]) or (1 if unit and "." in size else 0)
-    if "e" in mean or noise == 0:
-        return f"{value} ± {spread}"
-    least = f"{10**-decimals:.{decimals}f}"
-    text = f"{noise:,.{decimals}f}" if noise >= float(least) / 2 else f"< {least}"
-    return f"{known:,.{decimals}f}{unit} ± {text}{unit}"
 
 
 def span(values: Iterable[float]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.figures.labels import percents, with_spread
+from pipeline.figures.labels import percents
 from pipeline.files import write_rows
 from pipeline.markup import Markdown, table, template
 
@@ -25,7 +25,7 @@ class Column:
 
     title: str  # with the unit
     source: str  # column of the frame
-    text: Callable[[float], str] | None = None  # formats a number, aligned right
+    text: Callable[..., str] | None = None  # formats a number, aligned right, and its spread
     spread: str = ""  # column of the frame with its spread between trainings
     interval: tuple[str, str] | None = None  # columns with the ends of its interval
     bounds: Callable[[float, float], str] = percents  # formats these
@@ -134,9 +134,8 @@ def _texts(frame: pd.DataFrame, column: Column) -> list[str]:
         return [str(v) for v in values]
     texts = []
     for value, (_, row) in zip(values, frame.iterrows(), strict=True):
-        text = column.text(float("nan") if pd.isna(value) else float(value))
-        if column.spread and pd.notna(row[column.spread]):
-            text = with_spread(text, column.text(float(row[column.spread])))
+        numbers = [value, row[column.spread]] if column.spread else [value]
+        text = column.text(*(float("nan") if pd.isna(one) else float(one) for one in numbers))
         if column.interval and pd.notna(row[column.interval[0]]):
             text += f" {column.bounds(*row[list(column.interval)])}"
         texts.append(text)

@@ -3,13 +3,12 @@
 import csv
 
 import pandas as pd
-import pytest
 from hostile import HOSTILE, SEEN
 from jinja2 import Template
 from matplotlib.figure import Figure
 
 from pipeline.figures import tables
-from pipeline.figures.labels import number, share, with_spread
+from pipeline.figures.labels import number, share
 from pipeline.figures.tables import Column, Picture, Section, Table, Writer, file_name, write_csv
 
 SHARES = pd.DataFrame(
@@ -76,23 +75,6 @@ def test_columns_of_one_heading_stand_beside_each_other():
     assert rows[0] == ["Name", "paper", "paper"]
     assert rows[2] == ["a \\| b", "0.500 ± 0.250", "50 % [25.0, 75.0]"]
     assert rows[3] == ["c", "1.00", "100 %"]
-
-
-@pytest.mark.parametrize(
-    ("value", "spread", "said"),
-    [
-        ("1.90", "0.0472", "1.90 ± 0.05"),
-        ("0.0570", "1.00e-5", "0.0570 ± < 0.0001"),
-        ("1,234", "1,001", "1,234 ± 1,001"),
-        ("7.45e-4", "1.00e-5", "7.45e-4 ± 1.00e-5"),
-        ("44 %", "2.1 %", "44.0 % ± 2.1 %"),
-        ("44 %", "5 %", "44 % ± 5 %"),
-        ("45 %", "< 0.1 %", "45 % ± < 0.1 %"),
-        ("100 %", "0 %", "100 % ± 0 %"),
-    ],
-)
-def test_a_spread_has_as_many_decimals_as_its_value(value, spread, said):
-    assert with_spread(value, spread) == said
 
 
 def test_a_csv_file_has_a_line_for_each_row_whatever_its_texts_are(tmp_path):
