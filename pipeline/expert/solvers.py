@@ -25,7 +25,7 @@ OPTIONS = {
     "simplex_scale_strategy": 0,  # these programs are scaled
 }
 
-LONG = 1000  # half-spaces from which on a program may take seconds or minutes
+LONG: float = 1000  # half-spaces from which on a program may take seconds or minutes
 CHECK_SECONDS = 0.1  # interval at which signals are handled meanwhile
 
 _LOWER, _BASIC = highspy.HighsBasisStatus.kLower, highspy.HighsBasisStatus.kBasic
