@@ -28,12 +28,14 @@ MEDIAN = average("Time, median (s)", "seconds_median", number, "seconds", "media
 MEAN = average("Time, av. (s)", "seconds_mean", number, "seconds")
 DEVIATION = average("Time, s.d. (s)", "seconds_deviation", number, "seconds", "std")
 ROUNDING = 1e-12  # gaps below are rounding of the arithmetic
-GAP = average(
-    *("Gap, av. (%)", "gap_mean"),
-    lambda v: number(0.0 if abs(v) < ROUNDING else 100 * v),
-    "gap",
-    spread=True,
-)
+
+
+def _gap(*value_and_spread: float) -> str:
+    """Text of a gap in percent and perhaps its spread."""
+    return number(*(0.0 if abs(one) < ROUNDING else 100 * one for one in value_and_spread))
+
+
+GAP = average("Gap, av. (%)", "gap_mean", _gap, "gap", spread=True)
 FUEL = average("Fuel, av. (m/s²)", "fuel_mean", number, "fuel")
 CLEAR = average("Clear at the nodes", "solved_share", share, "solved", wilson=True)
 SAFE = average("Safe at all times", "safe_share", share, "safe", wilson=True)

@@ -42,8 +42,8 @@ def _fixed(value: float, spread: float, decimals: int) -> str:
     text, least = f"{value:,.{decimals}f}", 10.0**-decimals
     if math.isnan(spread):
         return text
-    if 0 < spread < least / 2:
-        return f"{text} ± < {least:.{decimals}f}"
+    if spread < least / 2:
+        return f"{text} ± < {least:.{decimals}f}" if spread else f"{text} ± 0"
     return f"{text} ± {spread:,.{decimals}f}"
 
 

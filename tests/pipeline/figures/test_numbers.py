@@ -51,6 +51,7 @@ def test_ratios_counts_and_errors_suit_their_kind():
     [
         (number, 1.9, 0.0472, "1.90 ± 0.05"),
         (number, 0.057, 1e-5, "0.0570 ± < 0.0001"),
+        (number, 1.9, 0.0, "1.90 ± 0"),
         (number, 1234.0, 1001.0, "1,234 ± 1,001"),
         (number, 7.45e-4, 1e-5, "7.45e-4 ± 1.00e-5"),
         (number, 0.0, 0.03, "0 ± 0.0300"),
