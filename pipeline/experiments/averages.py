@@ -33,7 +33,7 @@ class Average(Column):
 def average(
     title: str,
     source: str,
-    text: Callable[[float], str] | None,
+    text: Callable[..., str] | None,
     column: str = "",
     over_trials: Aggregation = "mean",
     over_seeds: Aggregation = "mean",

@@ -31,7 +31,7 @@ ROUNDING = 1e-12  # gaps below are rounding of the arithmetic
 
 
 def _gap(*value_and_spread: float) -> str:
-    """Text of a gap in percent and perhaps its spread."""
+    """Text of an optimality gap in percent, and of its spread if one is given."""
     return number(*(0.0 if abs(one) < ROUNDING else 100 * one for one in value_and_spread))
 
 

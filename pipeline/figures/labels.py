@@ -10,9 +10,10 @@ NEGLIGIBLE = 1e-6  # errors below this are rounding of the arithmetic, m
 
 
 def number(value: float, spread: float = math.nan) -> str:
-    """Three significant digits; whole numbers from 100 on, powers of ten below 0.001.
+    """Text of a number with three significant digits, and of its spread unless that is NaN.
 
-    A spread that is not NaN follows with the value's decimals.
+    From 100 on numbers are whole, below 0.001 they have powers of ten. The spread, a standard
+    deviation, has the decimals of the value.
 
     >>> number(0.05), number(1.9064), number(12345.6), number(0.0000123)
     ('0.0500', '1.91', '12,346', '1.23e-5')
@@ -33,12 +34,12 @@ def number(value: float, spread: float = math.nan) -> str:
 
 
 def ratio(value: float, spread: float = math.nan) -> str:
-    """Three decimals around 1; elsewhere as ``number``."""
+    """Text of a ratio, and of its spread, with three decimals around 1; elsewhere as ``number``."""
     return _fixed(value, spread, 3) if 0.1 <= value < 10 else number(value, spread)
 
 
 def _fixed(value: float, spread: float, decimals: int) -> str:
-    """A value, and its spread unless that is NaN, with so many decimals."""
+    """Text of a value with a fixed number of decimals, and of its spread unless that is NaN."""
     text, least = f"{value:,.{decimals}f}", 10.0**-decimals
     if math.isnan(spread):
         return text
@@ -53,7 +54,7 @@ def count(value: float) -> str:
 
 
 def share(value: float, spread: float = math.nan) -> str:
-    """A share in percent that reads 0 % or 100 % only where it is exactly that.
+    """Text of a share in percent, and of its spread; 0 % and 100 % only where they are exact.
 
     >>> share(0.44), share(0.44, 0.021), share(0.9999)
     ('44 %', '44.0 % ± 2.1 %', '> 99.9 %')

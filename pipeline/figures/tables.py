@@ -25,7 +25,7 @@ class Column:
 
     title: str  # with the unit
     source: str  # column of the frame
-    text: Callable[..., str] | None = None  # formats a number, aligned right, and its spread
+    text: Callable[..., str] | None = None  # formats a number and any spread; aligned right
     spread: str = ""  # column of the frame with its spread between trainings
     interval: tuple[str, str] | None = None  # columns with the ends of its interval
     bounds: Callable[[float, float], str] = percents  # formats these
