@@ -3,6 +3,7 @@
 In a subproblem only craft near unsafe ones move; the controls of all others are fixed.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,7 @@ from pipeline.orbit.arrays import Controls, CraftMask, Indices
 
 HOPS = 2  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # largest share of a cluster's craft that is solved for alone
+JOINT = 60  # craft up to which clusters share a program: setting one up costs as much as solving
 
 
 def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
@@ -38,6 +40,25 @@ def groups(labels: Indices) -> list[Int[Array, "_"]]:
     ordered = labels.take(order)
     ends = (ordered[1:] != ordered[:-1]).nonzero()[0] + 1
     return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
+
+
+def joint_clusters(
+    clusters: Sequence[Int[Array, "_"]], swarm: Indices
+) -> list[list[Int[Array, "_"]]]:
+    """Group successive clusters of one scenario, given the scenario of each craft, for a program.
+
+    A group has at most ``JOINT`` craft, or is a single cluster.
+    """
+    joint: list[list[Int[Array, "_"]]] = []
+    size, last = 0, -1
+    for craft in clusters:
+        label, size = int(swarm[craft[0]]), size + len(craft)
+        if label == last and size <= JOINT:
+            joint[-1].append(craft)
+        else:
+            joint.append([craft])
+            size, last = len(craft), label
+    return joint
 
 
 def neighbourhoods(craft: Int[Array, "_"], cuts: Cuts, unsafe: CraftMask) -> list[Int[Array, "_"]]:

@@ -18,6 +18,7 @@ operations on all craft act on all scenarios at once.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,7 +27,13 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert.bases import VAST, Bases
 from pipeline.expert.batch import Batch
-from pipeline.expert.clusters import cluster_labels, groups, neighbourhoods, with_others_fixed
+from pipeline.expert.clusters import (
+    cluster_labels,
+    groups,
+    joint_clusters,
+    neighbourhoods,
+    with_others_fixed,
+)
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.conic_decoupled import polished, program_limits
@@ -235,11 +242,8 @@ class Search:
         planes = half_spaces(
             self.cuts, normal, self.batch.initial, self.problem, self.separation + self.back_off
         )
-        for craft in clusters:
-            try:
-                self._solve_cluster(craft, planes)
-            except UnsolvableError as error:
-                self._fail(craft, str(error))
+        for some in self._joint(clusters):
+            self._solve_jointly(some, planes)
         for craft in clusters:
             gained_nothing = self._objective(self.iterate, craft) >= self._objective(
                 self.reference, craft
@@ -249,6 +253,28 @@ class Search:
         moved = np.concatenate(clusters)
         self.iterate.set(moved, self._propagated(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
+
+    def _joint(self, clusters: list[Cluster]) -> list[list[Cluster]]:
+        """Group clusters whose linear programs are solved as one; cone programs never are.
+
+        The iterates of interior-point methods would depend on the other clusters.
+        """
+        if self.batch.limits is not None or self.settings.solver != "simplex":
+            return [[craft] for craft in clusters]
+        return joint_clusters(clusters, self.swarm)
+
+    def _solve_jointly(self, clusters: list[Cluster], planes: HalfSpaces) -> None:
+        """Solve the programs of some clusters as one, or each by itself where that fails."""
+        if len(clusters) > 1:
+            cuts = np.concatenate([self.cuts_of[int(craft[0])] for craft in clusters])
+            with suppress(UnsolvableError):
+                self._solve_whole(np.sort(np.concatenate(clusters)), np.sort(cuts), planes)
+                return
+        for craft in clusters:
+            try:
+                self._solve_cluster(craft, planes)
+            except UnsolvableError as error:
+                self._fail(craft, str(error))
 
     def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
         """Solve a cluster's program, or subproblems of a large one.
@@ -261,7 +287,7 @@ class Search:
         for _ in range(2):
             parts = neighbourhoods(craft, self.cuts[cuts], near) if divisible else []
             if not parts:
-                self._solve_whole(craft, cuts, planes[cuts])
+                self._solve_whole(craft, cuts, planes)
                 return
             tight = [part for part in parts if self._solve_part(part, cuts, planes)]
             if not tight:
@@ -270,10 +296,10 @@ class Search:
             near[np.concatenate(tight)] = True
 
     def _solve_whole(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> None:
-        """Solve the program of all craft of a cluster."""
+        """Solve the program of all craft of a cluster, or of several with all their cuts."""
         ends = self.cuts.first[cuts], self.cuts.second[cuts]
         i, j = (np.searchsorted(craft, end) for end in ends)
-        best = self._optimum(craft, i, j, planes, self.bases.last(craft, cuts))
+        best = self._optimum(craft, i, j, planes[cuts], self.bases.last(craft, cuts))
         self.bases.keep(craft, cuts, best)
         self._keep(craft, cuts, best)
 

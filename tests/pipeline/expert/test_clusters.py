@@ -5,6 +5,8 @@ import pytest
 
 from pipeline.expert import clusters, solve
 from pipeline.expert.cuts import HalfSpaces, cuts_at
+from pipeline.expert.solvers import SOLVERS, by_simplex
+from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
 from pipeline.plan import SOLVED, Requirements
@@ -29,6 +31,50 @@ def test_parts_are_the_craft_within_two_cuts_of_unsafe_ones():
 def test_a_cluster_is_solved_whole_where_none_or_most_of_it_is_unsafe(unsafe):
     marked = np.isin(np.arange(20), unsafe)
     assert clusters.neighbourhoods(np.arange(20), chain(20), marked) == []
+
+
+def test_clusters_of_one_scenario_share_programs_of_at_most_so_many_craft(monkeypatch):
+    monkeypatch.setattr(clusters, "JOINT", 5)
+    swarm = np.repeat([0, 1], [12, 4])
+    given = [[0, 3], [1, 2, 4], [5, 6, 7, 8, 9, 10], [11], [12, 14], [13, 15]]
+    found = clusters.joint_clusters([np.array(craft) for craft in given], swarm)
+    each = [[craft.tolist() for craft in some] for some in found]
+    assert each == [given[:2], given[2:3], given[3:4], given[4:]]
+
+
+@pytest.mark.parametrize("limit", [None, 3e-3])
+def test_plans_by_joint_programs_cost_what_those_of_one_program_a_cluster_do(monkeypatch, limit):
+    scenarios = [draw("rings", 4, 60, k, Problem(max_acceleration=limit)) for k in range(4)]
+    joint = [solve(scenario) for scenario in scenarios]
+    monkeypatch.setattr(clusters, "JOINT", 0)
+    single = [solve(scenario) for scenario in scenarios]
+    assert {plan.status for plan in (*joint, *single)} == {SOLVED}
+    assert any((a.controls != b.controls).any() for a, b in zip(joint, single, strict=True))
+    fuel = np.array([[plan.certificate.fuel for plan in plans] for plans in (joint, single)])
+    # Rounding decides between programs' optima of equal cost, and these where a search ends.
+    assert fuel[0] == pytest.approx(fuel[1], rel=1e-3)
+
+
+def test_clusters_whose_joint_program_fails_are_solved_one_by_one(monkeypatch):
+    scenario, sizes = draw("rings", 4, 60, 0, Problem()), []
+
+    def solved(sub, most):
+        if len(sub.miss) > most:
+            raise UnsolvableError("too large")
+        sizes.append(len(sub.miss))
+        return by_simplex(sub)
+
+    monkeypatch.setitem(SOLVERS, "simplex", lambda sub: solved(sub, 60))
+    with monkeypatch.context() as alone:
+        alone.setattr(clusters, "JOINT", 0)
+        single = solve(scenario)
+    most = max(sizes)
+    assert solve(scenario).status == single.status == SOLVED
+    assert max(sizes) > most  # joint programs are larger
+    monkeypatch.setitem(SOLVERS, "simplex", lambda sub: solved(sub, most))
+    plan = solve(scenario)
+    assert plan.status == SOLVED
+    assert plan.certificate.fuel == pytest.approx(single.certificate.fuel, rel=1e-3)
 
 
 @pytest.mark.parametrize("alike", [True, False])
