@@ -40,7 +40,7 @@ AT_ONCE = 250  # motions that are searched in pieces at once, which bounds memor
 FEW, MOST_PAIRS = 128, 300_000
 MANY = 300  # motions or parts from which a prefilter by quick lower bounds pays
 TOGETHER = 20_000  # candidates that are searched at once, which bounds memory
-PAIRS_AT_ONCE = 100_000  # pairs from a tree that are compared at once, which bounds memory
+PAIRS_AT_ONCE = 20_000  # pairs from a tree that are compared at once, to fit in caches
 CHORDS = 4  # per interval, whose midpoints are put in trees: shorter ones have fewer neighbours
 
 if TYPE_CHECKING:
@@ -398,20 +398,36 @@ def _candidates(
 ) -> Candidates:
     """All pairs and intervals whose balls are within a distance: by comparison, or k-d trees."""
     dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
-    if not swarms.few:
-        chords = _chords(states, controls, dynamics, h)
-        found = [_by_trees(chords[:, k], reach, swarms, moved) for k in each]
+    compared = _compared_pairs(swarms, moved)
+    if compared is None:
+        lines, sag = _chords(states, controls, dynamics, h)
+        found = [_by_trees(lines[:, :, k], sag[:, k], reach, swarms, moved) for k in each]
         i, j = (np.concatenate(both) for both in zip(*found, strict=True))
         return i, j, each.repeat([len(first) for first, _ in found])
+    i, j = compared
     middle, radius = balls(states[:, :-1], states[:, 1:, :3], controls, dynamics, h, each)
-    i, j = swarms.pairs
-    if moved is not None and not moved.all():
-        kept = moved[i] | moved[j]
-        i, j = i[kept], j[kept]
     own = radius[: len(reach)] + reach[:, None]  # the first of a pair is a craft
     near = swarms.separations(middle, middle, i, j) <= own.take(i, 0) + radius.take(j, 0)
     k, pair = np.divmod(near.T.ravel().nonzero()[0], len(i))
     return i.take(pair), j.take(pair), k
+
+
+def _compared_pairs(swarms: SwarmPartition, moved: CraftMask | None) -> Pairs | None:
+    """The pairs with a moved craft, ordered, where they are few enough to compare each; or None."""
+    if swarms.few:
+        i, j = swarms.pairs
+        if moved is None or moved.all():
+            return i, j
+        kept = moved[i] | moved[j]
+        return i[kept], j[kept]
+    n = len(swarms.label)
+    if moved is None or len(swarms.sizes) > 1 or moved.sum() * n > MOST_PAIRS:
+        return None
+    some = moved.nonzero()[0]
+    one, other = some.repeat(n), np.tile(np.arange(n), len(some))
+    once = (one < other) | ~moved[other]
+    one, other = one[once], other[once]
+    return np.divmod(np.sort(n * np.minimum(one, other) + np.maximum(one, other)), n)
 
 
 def balls(
@@ -431,29 +447,26 @@ def balls(
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
-@dataclass(frozen=True, eq=False)
-class _Chords(Rows):
-    """Chords of motions in equal parts of intervals, with bounds on the deviation from them."""
+def _chords(
+    states: States, controls: Controls, dynamics: Dynamics, h: float
+) -> tuple[Float[Array, "6 n intervals chords"], Float[Array, "n intervals"]]:
+    """Chords in CHORDS equal parts of every interval, and bounds on the deviation from them, m.
 
-    middle: Float[Array, "n *intervals chords 3"]  # m
-    half: Float[Array, "n *intervals chords 3"]  # from the middle to the end, m
-    sag: Float[
-        Array, "n *intervals chords"
-    ]  # bound on the deviation from uniform motion along the chord, m
-
-
-def _chords(states: States, controls: Controls, dynamics: Dynamics, h: float) -> _Chords:
-    """The CHORDS chords of every interval: |p - chord| ≤ h²/8 max|p̈|."""
+    Their middles, and the way from there to the end. The deviation is that from uniform motion
+    along the chord, at most h²/8 max|p̈|.
+    """
     each, times = np.arange(controls.shape[1]), h / CHORDS * np.arange(CHORDS + 1)
     A, B = (maps[..., :3, :] for maps in dynamics.step(times, each[:, None]))
     at = np.matvec(A, states[:, :-1, None]) + np.matvec(B, controls[:, :, None])
     sag = dynamics.acceleration_bound(states[:, :-1], controls, h, each) * (h / CHORDS) ** 2 / 8
     begin, end = at[:, :, :-1], at[:, :, 1:]
-    return _Chords((begin + end) / 2, (end - begin) / 2, sag[..., None].repeat(CHORDS, axis=-1))
+    lines = np.concatenate([(begin + end) / 2, (end - begin) / 2], axis=-1)
+    return lines.transpose(3, 0, 1, 2), sag
 
 
 def _by_trees(
-    chords: _Chords,
+    lines: Float[Array, "6 n chords"],
+    sag: Float[Array, "n"],
     reach: Float[Array, "n"],
     swarms: SwarmPartition,
     moved: CraftMask | None,
@@ -461,16 +474,17 @@ def _by_trees(
     """Pairs that may come within a distance in an interval, by k-d trees of its chords' midpoints.
 
     A fourth coordinate keeps swarms far apart. Most pairs whose balls are near fly side by side,
-    so pairs are kept by the distance between their chords at equal times.
+    so pairs are kept by the distance between their chords at equal times. Coordinates are the
+    first axis there, which is several times faster.
     """
     from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
 
-    pairs, n = [], len(reach)
+    pairs, n, within = [], len(reach), sag + reach
     # Where few craft moved, their own tree is compared with that of all.
     some = None if moved is None or 2 * moved.sum() > n else moved.nonzero()[0]
     for chord in range(CHORDS):
-        middle, half, sag = (one[:, chord] for one in vars(chords).values())
-        size, points = norm(half) + sag, middle
+        line = np.ascontiguousarray(lines[:, :, chord])
+        points, size = line[:3].T, norm(line[3:].T) + sag
         most = 2 * float(size.max()) + float(reach.max())
         if len(swarms.sizes) > 1:
             points = np.column_stack([points, 2 * most * swarms.label])
@@ -488,11 +502,13 @@ def _by_trees(
             if moved is not None:
                 touched = ((moved.take(one) | moved.take(other)) & (one != other)).nonzero()[0]
                 one, other = one.take(touched), other.take(touched)
-            gap = middle.take(one, 0) - middle.take(other, 0)
-            way = half.take(one, 0) - half.take(other, 0)
-            asked = sag.take(one) + sag.take(other) + reach.take(one)
-            s = np.clip(-np.vecdot(gap, way) / (np.vecdot(way, way) + NO_LENGTH), -1.0, 1.0)
-            pairs.append((n * one + other)[norm(gap + s[:, None] * way) <= asked])
+            relative = line.take(one, 1)
+            relative -= line.take(other, 1)
+            gap, way = relative[:3], relative[3:]
+            length = np.square(way).sum(axis=0) + NO_LENGTH
+            gap += np.clip(-(gap * way).sum(axis=0) / length, -1.0, 1.0) * way
+            near = np.sqrt(np.square(gap).sum(axis=0)) <= within.take(one) + sag.take(other)
+            pairs.append((n * one + other)[near])
     found = np.sort(np.concatenate([*pairs, np.zeros(0, dtype=int)]))
     i, j = np.divmod(found[np.diff(found, prepend=-1) > 0], n)  # np.unique takes ten times as long
     return i, j

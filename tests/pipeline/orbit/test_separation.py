@@ -171,6 +171,24 @@ def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(m
         assert np.array_equal(getattr(parts, name), getattr(at_once, name))
 
 
+@pytest.mark.parametrize("count", [1, 40])
+def test_few_moved_craft_of_a_large_swarm_have_the_approaches_that_are_found_among_all(count):
+    scenario = draw("rings", 2022, 1000, 0, Problem())
+    problem = scenario.problem
+    controls = minimum_energy(scenario.initial, scenario.goal, problem)
+    states = fly(scenario.initial, controls, problem)
+    found = close_approaches(states, controls, problem, within=60.0)
+    often = np.bincount(np.concatenate([found.first, found.second]), minlength=1000)
+    moved = np.isin(np.arange(1000), (-often).argsort(kind="stable")[:count])
+    some = close_approaches(states, controls, problem, within=60.0, moved=moved)
+    kept = moved[found.first] | moved[found.second]
+    assert kept.sum() >= 5
+    if count > 1:
+        assert (moved[found.first] & moved[found.second]).any()
+    for name in ("first", "second", "interval", "offset", "distance", "bound"):
+        assert np.array_equal(getattr(some, name), getattr(found, name)[kept])
+
+
 def test_equal_parts_of_a_cubic_are_where_it_is():
     curve = np.random.default_rng(0).normal(size=(5, 4, 3))
     parts = equal_parts(curve).reshape(5, -1, 4, 3)
