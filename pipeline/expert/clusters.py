@@ -12,7 +12,7 @@ from pipeline.arrays import Array, Int
 from pipeline.expert.cuts import Cuts, HalfSpaces
 from pipeline.orbit.arrays import Controls, CraftMask, Indices
 
-HOPS = 2  # edges of the conflict graph from an unsafe craft to the furthest one that moves
+HOPS = 1  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # largest share of a cluster's craft that is solved for alone
 JOINT = 60  # craft up to which clusters share a program: setting one up costs as much as solving
 
