@@ -22,17 +22,15 @@ class Bases:
         self._controls: Bool[Array, "n both"] | None = None  # once a cluster is large
         self._slack, self._row = np.zeros((2, 0), dtype=bool)
 
-    def grow(self, cuts: int) -> None:
-        """Add half-spaces of new cuts, whose rows are basic."""
-        more = np.zeros(cuts - len(self._row), dtype=bool)
-        self._slack, self._row = np.append(self._slack, more), np.append(self._row, ~more)
-
     def last(self, craft: Int[Array, "_"], cuts: Int[Array, "_"]) -> Basis | None:
         """The last basis of a cluster; None where it is not large, or none is known."""
         if self._decoupled is None or len(craft) < VAST:
             return None
         if self._controls is None:
             self._controls = self._first(self._decoupled)
+        more = np.ones(max(0, int(cuts.max()) + 1 - len(self._row)), dtype=bool)
+        self._slack = np.append(self._slack, ~more)
+        self._row = np.append(self._row, more)  # rows of new cuts are basic
         return Basis(self._controls[craft], self._slack[cuts], self._row[cuts])
 
     def keep(self, craft: Int[Array, "_"], cuts: Int[Array, "_"], found: Optimum) -> None:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, Shaped
+from pipeline.arrays import Array, Float
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
     LEFT_OUT,
@@ -44,11 +44,10 @@ class Batch:
         self.goal: Formation = np.concatenate([scenario.goal for scenario in scenarios])
         # Change of final state that the controls of each craft must bring about, m and m/s.
         self.miss = goal_miss(self.initial, self.goal, self.problem)
-        starts = self.swarms.starts
-        # Size of a typical control of each scenario, m/s².
-        self.unit = np.maximum.reduceat(control_units(self.miss, self.problem), starts)
-        ends = [*starts[1:].tolist(), None]
-        self.craft = [slice(*both) for both in zip(starts.tolist(), ends, strict=True)]
+        # Size of a typical control of each scenario, m/s², and its craft.
+        units = control_units(self.miss, self.problem)
+        self.unit = np.maximum.reduceat(units, self.swarms.starts)
+        self.craft = self.swarms.slices
         # Limits of each craft; None where max_acceleration is the only one.
         self.limits = _limits(scenarios) if limits is None else limits
         # Required states of each craft, and a fuel bound for every choice of open waypoint times.
@@ -119,10 +118,6 @@ class Batch:
         part.optima = self.optima[craft]
         return part
 
-    def split(self, rows: Shaped[Array, "n *rest"]) -> list[Shaped[Array, "_ *rest"]]:
-        """Split rows of all craft by scenario."""
-        return [rows[craft] for craft in self.craft]
-
     def infeasible(self) -> list[str]:
         """For each scenario, the reason why it provably has no plan, or an empty string.
 
@@ -133,7 +128,7 @@ class Batch:
         last = self.problem.intervals
         within = self.problem.collision_radius, self.swarms, slice(None, None, last)
         close = swarm_node_collisions(ends, *within)
-        impossible = self.split(self.optima.impossible)
+        impossible = self.swarms.split(self.optima.impossible)
         given = "with any thrust, however large"
         if self.problem.max_acceleration is not None:
             given = "within max_acceleration"

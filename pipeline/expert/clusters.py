@@ -3,7 +3,6 @@
 In a subproblem only craft near unsafe ones move; the controls of all others are fixed.
 """
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +14,8 @@ from pipeline.orbit.arrays import Controls, CraftMask, Indices
 HOPS = 1  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # largest share of a cluster's craft that is solved for alone
 JOINT = 60  # craft up to which clusters share a program: setting one up costs as much as solving
+
+Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
 
 def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
@@ -42,14 +43,12 @@ def groups(labels: Indices) -> list[Int[Array, "_"]]:
     return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
 
 
-def joint_clusters(
-    clusters: Sequence[Int[Array, "_"]], swarm: Indices
-) -> list[list[Int[Array, "_"]]]:
+def joint_clusters(clusters: list[Cluster], swarm: Indices) -> list[list[Cluster]]:
     """Group successive clusters of one scenario, given the scenario of each craft, for a program.
 
     A group has at most ``JOINT`` craft, or is a single cluster.
     """
-    joint: list[list[Int[Array, "_"]]] = []
+    joint: list[list[Cluster]] = []
     size, last = 0, -1
     for craft in clusters:
         label, size = int(swarm[craft[0]]), size + len(craft)
@@ -61,7 +60,7 @@ def joint_clusters(
     return joint
 
 
-def neighbourhoods(craft: Int[Array, "_"], cuts: Cuts, unsafe: CraftMask) -> list[Int[Array, "_"]]:
+def neighbourhoods(craft: Cluster, cuts: Cuts, unsafe: CraftMask) -> list[Cluster]:
     """The connected parts of a cluster within ``HOPS`` of unsafe craft, by the cluster's cuts.
 
     None where they are most of the cluster. No cut joins craft of two parts.

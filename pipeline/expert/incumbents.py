@@ -75,7 +75,7 @@ class Incumbents:
                 feasible=bool(feasible[k]),
                 obstacle="" if feasible[k] else self._obstacle(k, left=k in self._swarm[left]),
             )
-            for k, part in enumerate(self._batch.split(ended))
+            for k, part in enumerate(self._batch.swarms.split(ended))
         ]
 
     def _obstacle(self, swarm: int, *, left: bool) -> str:

@@ -180,8 +180,8 @@ def _before_search(task: SearchProblem) -> list[SearchResult]:
     optima = batch.optima
     parts = zip(
         batch.scenarios,
-        batch.split(optima.controls),
-        batch.split(optima.feasible),
+        batch.swarms.split(optima.controls),
+        batch.swarms.split(optima.feasible),
         batch.infeasible(),
         strict=True,
     )

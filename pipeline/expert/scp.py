@@ -28,6 +28,7 @@ from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.expert.bases import VAST, Bases
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import (
+    Cluster,
     cluster_labels,
     groups,
     joint_clusters,
@@ -57,8 +58,6 @@ MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passivel
 
 STILL = 1e-10  # share of a typical control up to which a change of a control is none
 LARGE = 200  # craft of a cluster from which on only pairs of craft that changed are checked again
-
-Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
 Seeds = Sequence[Float[Array, "_ intervals 3"] | None]  # controls that fly a seed, or None
 
@@ -202,7 +201,6 @@ class Search:
 
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
-        self.bases.grow(len(cuts))
         beyond, radius = cuts.of_sizes[len(self.dual) :], self.problem.collision_radius
         margin = self.settings.margin_at(radius + np.minimum(beyond, 0.0))
         self.separation = np.append(self.separation, radius + margin)

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import accumulate, pairwise, starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.arrays import Array, Bool, Float, Int, Shaped
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,
@@ -56,7 +57,8 @@ class SwarmPartition:
     def __init__(self, sizes: tuple[int, ...]) -> None:
         self.sizes = sizes
         self.label = np.repeat(np.arange(len(sizes)), sizes)  # the swarm of each craft
-        self.starts = np.cumsum((0, *sizes[:-1]))  # the first craft of each swarm
+        self.slices = list(starmap(slice, pairwise(accumulate(sizes, initial=0))))  # craft of each
+        self.starts = np.array([craft.start for craft in self.slices])  # the first of these
         # Whether swarms are small enough to compare all pairs.
         self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
         self.held = np.zeros(0, dtype=int)  # participants that are held where they are
@@ -68,6 +70,10 @@ class SwarmPartition:
         first, second = zip(*(pairs(n) for n in self.sizes), strict=True)
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
+
+    def split(self, rows: Shaped[Array, "craft *rest"]) -> list[Shaped[Array, "_ *rest"]]:
+        """Split rows of all craft by swarm."""
+        return [rows[craft] for craft in self.slices]
 
     def per_craft(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
         """Expand one value for all swarms, or one for each swarm, to a value for each craft."""

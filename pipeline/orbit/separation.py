@@ -50,7 +50,7 @@ def swarm_node_collisions(
 ) -> Int[Array, "swarms"]:
     """f_col of each of several swarms, from states at all nodes or at those given."""
     if not swarms.few:
-        parts = np.split(states, swarms.starts[1:])
+        parts = swarms.split(states)
         return np.array([node_collisions(part, collision_radius) for part in parts])
     i, j = swarms.pairs
     positions = swarms.all_states(states, nodes)[..., :3]
@@ -86,7 +86,7 @@ def least_separations(
 
 def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
     """The least separation of each swarm, m; 0 without a pair, for which nothing is searched."""
-    return np.nan_to_num([one.distance for one in least], posinf=0.0)
+    return np.array([one.distance if one.distance < np.inf else 0.0 for one in least])
 
 
 def replace_if_closer(
@@ -133,7 +133,7 @@ def pair_conflicts(states: States, controls: Controls, problem: Problem) -> int:
 def _closest_at_nodes(states: States, problem: Problem, swarms: SwarmPartition) -> list[Separation]:
     """The closest pair of each swarm at any node; its bound allows for rounding."""
     if not swarms.few and len(swarms.sizes) > 1:
-        parts = np.split(states, swarms.starts[1:])
+        parts = swarms.split(states)
         each = (_closest_at_nodes(part, problem, swarm_partition((len(part),))) for part in parts)
         return [one for (one,) in each]
     closest = [Separation()] * len(swarms.sizes)

@@ -336,8 +336,8 @@ def certify(
     bounds on the largest share, for a fair objective. Passive safety and risk are computed only
     where they are required. Motion is linear, unless flights are given, with the same node states.
     """
-    problem, starts = shared_problem(scenarios), _side_by_side(scenarios).starts
-    flown, burned = np.split(states, starts[1:]), np.split(controls, starts[1:])
+    problem, swarms = shared_problem(scenarios), _side_by_side(scenarios)
+    flown, burned, starts = swarms.split(states), swarms.split(controls), swarms.starts
     columns = _spending(scenarios, controls, bounds, least_shares)
     columns |= _separations(scenarios, states, controls, flights)
     miss = np.abs(states[:, -1] - np.concatenate([s.goal for s in scenarios]))
@@ -378,18 +378,18 @@ def _spending(
     least_shares: Sequence[float],
 ) -> Columns:
     """Fuel and Δv of swarms and craft, lower bounds, and optimality gaps."""
-    problem, starts = scenarios[0].problem, _side_by_side(scenarios).starts
+    problem, swarms = scenarios[0].problem, _side_by_side(scenarios)
     thrust, step = problem.thrust, problem.time_step
-    each = list(zip(np.split(controls, starts[1:]), scenarios, strict=True))
+    each = list(zip(swarms.split(controls), scenarios, strict=True))
 
     def of_craft(values: PerCraft) -> list[tuple[float, ...]]:
-        return [tuple(one.tolist()) for one in np.split(values, starts[1:])]
+        return [tuple(one.tolist()) for one in swarms.split(values)]
 
     along_axes = np.abs(controls).sum(axis=(1, 2))
     burned = along_axes
     if thrust != ALONG_AXES:
         burned = np.concatenate([craft_fuel(one, thrust, s.limits) for one, s in each])
-    used = np.add.reduceat(burned, starts).tolist()
+    used = np.add.reduceat(burned, swarms.starts).tolist()
     least = [
         min(bound, fuel) if bound <= fuel * (1 + SUM_ROUNDING) else bound  # above it by rounding
         for fuel, (bound, _) in zip(used, bounds, strict=True)
@@ -407,7 +407,7 @@ def _spending(
         columns["craft_delta_v_thrusters"] = of_craft(step * burned)
     if thrust.objective == "fair":
         left = np.concatenate([s.limits.delta_v for s in scenarios if s.limits is not None])
-        shares = zip(np.split(step * burned / left, starts[1:]), least_shares, strict=True)
+        shares = zip(swarms.split(step * burned / left), least_shares, strict=True)
         columns["largest_share"] = [
             LargestShare(int(one.argmax()), float(one.max()), bound) for one, bound in shares
         ]

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.orbit.approaches import swarm_partition
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
@@ -69,8 +70,8 @@ def certified_plans(
     shares = [one.least_share for one in drafts]
     certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
-    ends = np.cumsum([s.n for s in scenarios])[:-1]
-    parts = np.split(states, ends), np.split(controls, ends), certificates
+    swarms = swarm_partition(tuple(scenario.n for scenario in scenarios))
+    parts = swarms.split(states), swarms.split(controls), certificates
     plans = []
     for scenario, one, flown, burned, certificate in zip(scenarios, drafts, *parts, strict=True):
         plan = Plan(
