@@ -4,6 +4,7 @@ import atexit
 import gc
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -34,6 +35,9 @@ if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > NEEDED:
 # that it has imported takes the interpreter seconds.
 if "PYTEST_XDIST_WORKER" in os.environ:
     atexit.register(os._exit, 0)
+
+# A shell starts what it runs in the background with Ctrl-C ignored, and tests are interrupted by it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 shapes.check_once()
 

@@ -243,11 +243,10 @@ class Search:
         for some in self._joint(clusters):
             self._solve_jointly(some, planes)
         for craft in clusters:
-            gained_nothing = self._objective(self.iterate, craft) >= self._objective(
-                self.reference, craft
-            )
-            if self.accepted[craft].all() and gained_nothing:
-                self._return_to_reference(craft)
+            if self.accepted[craft].all():
+                new, best = (self._objective(one, craft) for one in (self.iterate, self.reference))
+                if new >= best:
+                    self._return_to_reference(craft)
         moved = np.concatenate(clusters)
         self.iterate.set(moved, self._propagated(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
@@ -382,10 +381,10 @@ class Search:
         unsafe = np.zeros(len(self.swarm), dtype=bool)
         unsafe[found.first[broken]] = unsafe[found.second[broken]] = True
         self.unsafe = unsafe
-        predicted = self._predicted_gains()
-        for craft in clusters:
-            if self.active[craft].any() and not unsafe[craft].any():
-                self._accept(craft, float(predicted[craft[0]]))
+        safe = [one for one in clusters if self.active[one].any() and not unsafe[one].any()]
+        predicted = self._predicted_gains() if safe else np.zeros(0)
+        for craft in safe:
+            self._accept(craft, float(predicted[craft[0]]))
         self.incumbents.update(self.iterate.controls, ~self._scenarios(unsafe | self.failed))
         if broken.any():
             again = self._scenarios(found.first[broken])[self.swarm[found.first]]

@@ -128,7 +128,7 @@ class Requirements:
     @property
     def nominal(self) -> "Requirements":
         """The requirements on the flight without errors."""
-        return replace(self, risk=None)
+        return self if self.risk is None else replace(self, risk=None)
 
 
 def _said(given: object) -> str:
