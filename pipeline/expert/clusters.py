@@ -13,7 +13,7 @@ from pipeline.orbit.arrays import Controls, CraftMask, Indices
 
 HOPS = 1  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # largest share of a cluster's craft that is solved for alone
-JOINT = 60  # craft up to which clusters share a program: setting one up costs as much as solving
+JOINT = 100  # craft up to which clusters share a program: setting one up costs as much as solving
 
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
