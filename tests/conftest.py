@@ -36,7 +36,7 @@ if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > NEEDED:
 if "PYTEST_XDIST_WORKER" in os.environ:
     atexit.register(os._exit, 0)
 
-# A shell starts what it runs in the background with Ctrl-C ignored, and tests are interrupted by it.
+# A shell has what it starts in the background ignore Ctrl-C, by which tests interrupt commands.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 shapes.check_once()

@@ -70,20 +70,22 @@ def decoupled_optima(
         at = constraints or state_constraints(initial, goal, problem, {})
         return limited_optima(minimum_energy(initial, goal, problem), at, problem, limits)
     miss = goal_miss(initial, goal, problem)
-    controls, bound = minimum_energy(initial, goal, problem), np.zeros(len(miss))
-    feasible, hopeless = np.zeros((2, len(miss)), dtype=bool)
     found = minimum_fuel(miss, problem)
-    if found is not None:
-        within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
+    if found is None:
+        controls, bound = np.zeros((len(miss), problem.intervals, 3)), np.zeros(len(miss))
+        feasible = np.zeros(len(miss), dtype=bool)
+    else:
+        controls, bound = found.controls, found.bound
+        within = np.abs(controls).max(axis=(1, 2)) <= control_limit(problem)
         feasible = found.exact & within
-        controls[feasible], bound[:] = found.controls[feasible], found.bound
-    tabled = np.full(len(miss), found is not None)
+    tabled, hopeless = np.full(len(miss), found is not None), np.zeros(len(miss), dtype=bool)
     beyond = np.flatnonzero(~feasible).tolist()
     if beyond:
         at, alike = state_constraints(initial, goal, problem, {}), limits_of((), len(miss), problem)
     for k in beyond:
         one = slice(k, k + 1)  # alone, so that a plan does not depend on others in its batch
-        alone = limited_optima(controls[one], at[one], problem, alike[one])
+        energy = minimum_energy(initial[one], goal[one], problem)
+        alone = limited_optima(energy, at[one], problem, alike[one])
         feasible[one], hopeless[one] = alone.feasible, alone.impossible
         controls[one] = alone.controls
         tabled[one] &= alone.lower_bound <= bound[one]

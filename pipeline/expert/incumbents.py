@@ -45,6 +45,8 @@ class Incumbents:
     def update(self, controls: Controls, safe: Bool[Array, "swarms"]) -> None:
         """Keep iterates of scenarios that are safe as a whole and cheaper than any before."""
         batch = self._batch
+        if not safe.any():
+            return
         if batch.limits is None:
             fuel = np.add.reduceat(np.abs(controls).sum(axis=(1, 2)), batch.swarms.starts)
         else:

@@ -100,7 +100,9 @@ class Search:
         # Craft whose part of the reference is known to be safe, whose cluster is not done, and
         # whose cluster's program failed.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
-        self.iterate = self._propagated(self.batch.optima.controls)  # the newest trajectory
+        controls = self.batch.optima.controls.copy()
+        # The newest trajectory.
+        self.iterate = Trajectory(controls, fly(self.batch.initial, controls, self.problem))
         # The linearization point.
         self.reference = Trajectory(self.iterate.controls.copy(), self.iterate.states.copy())
         self.incumbents = Incumbents(self.batch, self.iterate.controls)

@@ -16,7 +16,7 @@ its rows are the goals and the half-spaces. All are scaled to be of order one.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -89,10 +89,10 @@ class Subproblem:
         """Numbers of craft n, of control components of each m, and of half-spaces k."""
         return len(self.miss), self.reach.shape[1], len(self.required)
 
-    @cached_property
+    @property
     def goal_scale(self) -> Float[Array, "r"]:
         """Factors that scale the rows of goals to order one."""
-        return 1 / (np.sqrt(np.square(self.reach).sum(axis=1)) * self.unit)
+        return _goal_rows(self.reach.tobytes(), self.shape[1])[1] / self.unit
 
     def cost(self) -> Float[Array, "v"]:
         """Cost of each variable of the linear program."""
@@ -107,7 +107,7 @@ class Subproblem:
     def goal_rows(self) -> Entries:
         """Goal rows, craft after craft."""
         n, m, _ = self.shape
-        count, column, value = _goal_rows(self.reach.tobytes(), m)
+        (count, column, value), _ = _goal_rows(self.reach.tobytes(), m)
         each = (2 * m * np.arange(n)[:, None] + column).ravel()
         return np.concatenate([count] * n), each, np.concatenate([value] * n)
 
@@ -139,10 +139,11 @@ class Subproblem:
 
 
 @lru_cache(maxsize=32)
-def _goal_rows(reach: bytes, m: int) -> Entries:
-    """Goal rows of one craft, the same for all programs of a problem."""
+def _goal_rows(reach: bytes, m: int) -> tuple[Entries, Float[Array, "r"]]:
+    """Goal rows of one craft, and their scale, the same for all programs of a problem."""
     block = np.frombuffer(reach).reshape(-1, m)
-    block = block / np.sqrt(np.square(block).sum(axis=1, keepdims=True))
+    scale = 1 / np.sqrt(np.square(block).sum(axis=1))
+    block = block * scale[:, None]
     both = np.concatenate([block, -block], axis=1)
     kept = np.abs(both) > NEGLIGIBLE
-    return kept.sum(axis=1), kept.nonzero()[1], both[kept]
+    return (kept.sum(axis=1), kept.nonzero()[1], both[kept]), scale

@@ -297,11 +297,14 @@ def closest_to_origin(
             if which.any():
                 given = motions[which], remainder[which], dynamics, h, tolerance
                 when[which], bound[which] = search(*given)
-    keep = (bound <= motions.reach).nonzero()[0]
-    motions, offset, bound = motions[keep], when.take(keep) * h, bound.take(keep)
+    kept = bound <= motions.reach
+    if not kept.all():
+        keep = kept.nonzero()[0]
+        near, motions, when, bound = near[keep], motions[keep], when[keep], bound[keep]
+    offset = when * h
     maps, position = motions.at(offset, dynamics)
     distance = norm(_scaled(position, motions.scale))
-    return near.take(keep), Closest(offset, np.maximum(distance, bound), bound, *maps)
+    return near, Closest(offset, np.maximum(distance, bound), bound, *maps)
 
 
 def _scaled(

@@ -37,6 +37,7 @@ SQUARED = np.array(
 SLOPE = np.array(
     [np.convolve(CUBIC[:, i], CUBIC[1:, j] * [1, 2, 3]) for i in range(4) for j in range(4)]
 ).T.copy()
+DEGREES = np.arange(1.0, 6.0)
 # Weights of c's points in the points of both its parts, by powers of the split parameter
 PARTS = np.zeros((32, 4))
 for _point in range(4):
@@ -135,7 +136,7 @@ def branch_and_bound(
 def _closest(curve: Float[Array, "s 4 3"]) -> tuple[Float[Array, "s"], Float[Array, "s"]]:
     """Where in [0, 1] Newton's method finds each cubic closest to the origin, and how close."""
     slope = np.matvec(SLOPE, (curve @ curve.mT).reshape(-1, 16))
-    curvature = slope[:, 1:] * [1, 2, 3, 4, 5]
+    curvature = slope[:, 1:] * DEGREES
     s = _along(curve[:, 0], curve[:, 3] - curve[:, 0])
     for _ in range(NEWTON_STEPS):
         power = np.vander(s, 6, increasing=True)

@@ -428,10 +428,12 @@ def _separations(
     problem = scenarios[0].problem
     linear = partial(_least_separations, states, controls, problem)
     closest, clear = _least(scenarios, linear, flights, NonlinearFlight.separation)
-    all_of = participants(scenarios)
-    collisions = swarm_node_collisions(states, problem.collision_radius, all_of)
+    collisions = [0] * len(scenarios)  # at no node, where a pair is farther apart at all times
+    radius, unlike = problem.collision_radius, any(one.unlike for one in scenarios)
+    if unlike or any(one.bound <= radius for one in closest):
+        collisions = swarm_node_collisions(states, radius, participants(scenarios)).tolist()
     return {
-        "node_collisions": collisions.tolist(),
+        "node_collisions": collisions,
         "min_separation": [None if one.pair is None else one.distance for one in closest],
         "min_separation_pair": [one.pair for one in closest],
         "min_separation_time": [one.time for one in closest],

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from math import inf, isfinite
 from operator import truediv
 from typing import Any
@@ -105,7 +106,7 @@ class Plan:
         """That of its certificate; infinite where it is UNSOLVED or INFEASIBLE."""
         return inf if self.status in WITHOUT_GAP else self.certificate.optimality_gap
 
-    @property
+    @cached_property
     def requirements(self) -> Requirements:
         """Requirements on its flight without errors; a risk limit is in the certificate."""
         drifting = self.certificate.passive_safety
