@@ -2,8 +2,9 @@
 
 The decoupled optimum of every craft comes first: it gives the lower bound, and craft without
 conflict keep it. Craft that come too close form clusters, and each cluster is solved jointly with
-half-space cuts linearized about a trajectory; in a large one, from some round on, only craft near
-unsafe ones are variables, with the controls of all others fixed. The iteration cannot cycle:
+half-space cuts linearized about a trajectory. Small clusters of a scenario share a program; in a
+large one, from some round on, only craft near unsafe ones are variables, with the controls of all
+others fixed. The iteration cannot cycle:
 
 - cuts, once made, are kept;
 - as long as the linearization point violates a cut, the newest iterate takes its place;
