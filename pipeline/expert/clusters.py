@@ -44,9 +44,10 @@ def groups(labels: Indices) -> list[Int[Array, "_"]]:
 
 
 def joint_clusters(clusters: list[Cluster], swarm: Indices) -> list[list[Cluster]]:
-    """Group successive clusters of one scenario, given the scenario of each craft, for a program.
+    """Group successive clusters of the same scenario; each group shares a program.
 
-    A group has at most ``JOINT`` craft, or is a single cluster.
+    A group has at most ``JOINT`` craft, or is a single cluster. ``swarm`` has the index of each
+    craft's scenario.
     """
     joint: list[list[Cluster]] = []
     size, last = 0, -1

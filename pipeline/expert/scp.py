@@ -255,16 +255,16 @@ class Search:
         return [craft for craft in clusters if not self.failed[craft].any()]
 
     def _joint(self, clusters: list[Cluster]) -> list[list[Cluster]]:
-        """Group clusters whose linear programs are solved as one; cone programs never are.
+        """Group clusters that share a linear program; each cone program is of one cluster.
 
-        The iterates of interior-point methods would depend on the other clusters.
+        Its optimum, by an interior-point method, would depend on the other clusters.
         """
         if self.batch.limits is not None or self.settings.solver != "simplex":
             return [[craft] for craft in clusters]
         return joint_clusters(clusters, self.swarm)
 
     def _solve_jointly(self, clusters: list[Cluster], planes: HalfSpaces) -> None:
-        """Solve the programs of some clusters as one, or each by itself where that fails."""
+        """Solve several clusters as one program or, where that fails, each by its own program."""
         if len(clusters) > 1:
             cuts = np.concatenate([self.cuts_of[int(craft[0])] for craft in clusters])
             with suppress(UnsolvableError):
@@ -296,7 +296,7 @@ class Search:
             near[np.concatenate(tight)] = True
 
     def _solve_whole(self, craft: Cluster, cuts: Int[Array, "_"], planes: HalfSpaces) -> None:
-        """Solve the program of all craft of a cluster, or of several with all their cuts."""
+        """Solve one program with all craft and cuts of a cluster, or of several clusters."""
         ends = self.cuts.first[cuts], self.cuts.second[cuts]
         i, j = (np.searchsorted(craft, end) for end in ends)
         best = self._optimum(craft, i, j, planes[cuts], self.bases.last(craft, cuts))

@@ -140,7 +140,7 @@ class Subproblem:
 
 @lru_cache(maxsize=32)
 def _goal_rows(reach: bytes, m: int) -> tuple[Entries, Float[Array, "r"]]:
-    """Goal rows of one craft, and their scale, the same for all programs of a problem."""
+    """Goal rows of one craft and the factors that scaled them, the same in a whole problem."""
     block = np.frombuffer(reach).reshape(-1, m)
     scale = 1 / np.sqrt(np.square(block).sum(axis=1))
     block = block * scale[:, None]

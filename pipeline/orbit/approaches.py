@@ -72,7 +72,7 @@ class SwarmPartition:
         return np.concatenate(first) + shift, np.concatenate(second) + shift
 
     def split(self, rows: Shaped[Array, "craft *rest"]) -> list[Shaped[Array, "_ *rest"]]:
-        """Split rows of all craft by swarm."""
+        """Split an array of all craft into one array for each swarm."""
         return [rows[craft] for craft in self.slices]
 
     def per_craft(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
@@ -422,7 +422,7 @@ def _candidates(
 
 
 def _compared_pairs(swarms: SwarmPartition, moved: CraftMask | None) -> Pairs | None:
-    """The pairs with a moved craft, ordered, where they are few enough to compare each; or None."""
+    """All pairs that contain a moved craft, in order; None where they are too many to compare."""
     if swarms.few:
         i, j = swarms.pairs
         if moved is None or moved.all():
@@ -459,10 +459,11 @@ def balls(
 def _chords(
     states: States, controls: Controls, dynamics: Dynamics, h: float
 ) -> tuple[Float[Array, "6 n intervals chords"], Float[Array, "n intervals"]]:
-    """Chords in CHORDS equal parts of every interval, and bounds on the deviation from them, m.
+    """Midpoints and half-vectors of each interval's CHORDS chords, and bounds on deviation, m.
 
-    Their middles, and the way from there to the end. The deviation is that from uniform motion
-    along the chord, at most h²/8 max|p̈|.
+    Each chord joins the ends of one of CHORDS equal parts of the interval; its half-vector leads
+    from the midpoint to the end. The deviation is from uniform motion along the chord, at most
+    h²/8 max|p̈|.
     """
     each, times = np.arange(controls.shape[1]), h / CHORDS * np.arange(CHORDS + 1)
     A, B = (maps[..., :3, :] for maps in dynamics.step(times, each[:, None]))
@@ -483,8 +484,7 @@ def _by_trees(
     """Pairs that may come within a distance in an interval, by k-d trees of its chords' midpoints.
 
     A fourth coordinate keeps swarms far apart. Most pairs whose balls are near fly side by side,
-    so pairs are kept by the distance between their chords at equal times. Coordinates are the
-    first axis there, which is several times faster.
+    so pairs are kept by the distance between their chords at equal times.
     """
     from scipy.spatial import cKDTree  # slow to import, and only large swarms need it
 
@@ -511,13 +511,24 @@ def _by_trees(
             if moved is not None:
                 touched = ((moved.take(one) | moved.take(other)) & (one != other)).nonzero()[0]
                 one, other = one.take(touched), other.take(touched)
-            relative = line.take(one, 1)
-            relative -= line.take(other, 1)
-            gap, way = relative[:3], relative[3:]
-            length = np.square(way).sum(axis=0) + NO_LENGTH
-            gap += np.clip(-(gap * way).sum(axis=0) / length, -1.0, 1.0) * way
-            near = np.sqrt(np.square(gap).sum(axis=0)) <= within.take(one) + sag.take(other)
+            distance = _chord_distances(line, one, other)
+            near = distance <= within.take(one) + sag.take(other)
             pairs.append((n * one + other)[near])
     found = np.sort(np.concatenate([*pairs, np.zeros(0, dtype=int)]))
     i, j = np.divmod(found[np.diff(found, prepend=-1) > 0], n)  # np.unique takes ten times as long
     return i, j
+
+
+def _chord_distances(
+    line: Float[Array, "6 n"], one: Int[Array, "p"], other: Int[Array, "p"]
+) -> Float[Array, "p"]:
+    """Least distance of pairs in uniform motion along their chords, m.
+
+    Coordinates are the first axis in the computation, which is several times faster.
+    """
+    relative = line.take(one, 1)
+    relative -= line.take(other, 1)
+    gap, way = relative[:3], relative[3:]
+    length = np.square(way).sum(axis=0) + NO_LENGTH
+    gap += np.clip(-(gap * way).sum(axis=0) / length, -1.0, 1.0) * way
+    return np.asarray(np.sqrt(np.square(gap).sum(axis=0)))

@@ -336,7 +336,7 @@ def certify(
     bounds on the largest share, for a fair objective. Passive safety and risk are computed only
     where they are required. Motion is linear, unless flights are given, with the same node states.
     """
-    problem, swarms = shared_problem(scenarios), _side_by_side(scenarios)
+    problem, swarms = shared_problem(scenarios), side_by_side(scenarios)
     flown, burned, starts = swarms.split(states), swarms.split(controls), swarms.starts
     columns = _spending(scenarios, controls, bounds, least_shares)
     columns |= _separations(scenarios, states, controls, flights)
@@ -367,7 +367,8 @@ def certify(
     return [Certificate(**dict(zip(columns, row, strict=True))) for row in rows]
 
 
-def _side_by_side(scenarios: Sequence[Scenario]) -> SwarmPartition:
+def side_by_side(scenarios: Sequence[Scenario]) -> SwarmPartition:
+    """The partition of all craft into scenarios, without obstacles and sizes."""
     return swarm_partition(tuple(one.n for one in scenarios))
 
 
@@ -378,7 +379,7 @@ def _spending(
     least_shares: Sequence[float],
 ) -> Columns:
     """Fuel and Δv of swarms and craft, lower bounds, and optimality gaps."""
-    problem, swarms = scenarios[0].problem, _side_by_side(scenarios)
+    problem, swarms = scenarios[0].problem, side_by_side(scenarios)
     thrust, step = problem.thrust, problem.time_step
     each = list(zip(swarms.split(controls), scenarios, strict=True))
 
@@ -470,7 +471,7 @@ def _least(
 
     def least(*, alike: bool) -> list[Separation]:
         if not flights:
-            return linear(_side_by_side(scenarios) if alike else participants(scenarios))
+            return linear(side_by_side(scenarios) if alike else participants(scenarios))
         each = [None if alike else participants([one]) for one in scenarios]
         return list(map(in_flight, flights, each))
 

@@ -7,13 +7,12 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import swarm_partition
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_cost import exceeded_limits
 from pipeline.orbit.transfer import dynamics_defect, fly, with_coasts
-from pipeline.plan.certificate import Certificate, PassiveSafety, certify
+from pipeline.plan.certificate import Certificate, PassiveSafety, certify, side_by_side
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario, shared_problem
@@ -70,7 +69,7 @@ def certified_plans(
     shares = [one.least_share for one in drafts]
     certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
     each = (perf_counter() - started) / len(scenarios)
-    swarms = swarm_partition(tuple(scenario.n for scenario in scenarios))
+    swarms = side_by_side(scenarios)
     parts = swarms.split(states), swarms.split(controls), certificates
     plans = []
     for scenario, one, flown, burned, certificate in zip(scenarios, drafts, *parts, strict=True):

@@ -155,12 +155,17 @@ def test_pairs_of_which_neither_moved_are_left_out():
     assert set(zip(found.first, found.second, strict=True)) == {(0, 1), (0, 2)}
 
 
-def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(monkeypatch):
-    """In a thousand craft on rings, of which some meet, and with parts that are left out early."""
+def thousand_on_rings():
+    """States, controls and problem of minimum-energy transfers of a thousand craft on rings."""
     scenario = draw("rings", 2022, 1000, 0, Problem())
     problem = scenario.problem
     controls = minimum_energy(scenario.initial, scenario.goal, problem)
-    states = fly(scenario.initial, controls, problem)
+    return fly(scenario.initial, controls, problem), controls, problem
+
+
+def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(monkeypatch):
+    """In a thousand craft on rings, of which some meet, and with parts that are left out early."""
+    states, controls, problem = thousand_on_rings()
     at_once = close_approaches(states, controls, problem, within=20.0)
     monkeypatch.setattr("pipeline.orbit.approaches.TOGETHER", 100)
     monkeypatch.setattr("pipeline.orbit.approaches.PAIRS_AT_ONCE", 1000)
@@ -173,10 +178,7 @@ def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(m
 
 @pytest.mark.parametrize("count", [1, 40])
 def test_few_moved_craft_of_a_large_swarm_have_the_approaches_that_are_found_among_all(count):
-    scenario = draw("rings", 2022, 1000, 0, Problem())
-    problem = scenario.problem
-    controls = minimum_energy(scenario.initial, scenario.goal, problem)
-    states = fly(scenario.initial, controls, problem)
+    states, controls, problem = thousand_on_rings()
     found = close_approaches(states, controls, problem, within=60.0)
     often = np.bincount(np.concatenate([found.first, found.second]), minlength=1000)
     moved = np.isin(np.arange(1000), (-often).argsort(kind="stable")[:count])
