@@ -20,8 +20,8 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.plain import UNIT, PlainScp
 from pipeline.expert.seeds import decoupled_seed
-from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls
+from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.scenario import Scenario

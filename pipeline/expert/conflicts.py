@@ -17,10 +17,11 @@ from pipeline.expert.cuts import (
     normals,
     passive_safety_cuts,
 )
-from pipeline.orbit.approaches import PROVABLE, TOLERANCE, SwarmPartition, close_approaches
+from pipeline.orbit.approaches import PROVABLE, TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, CraftMask, Rows, States, Values
 from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Dispersion, Uncertainty, deviation_along, dispersion
+from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import sigma_levels

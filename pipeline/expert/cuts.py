@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.orbit.approaches import Approaches, SwarmPartition
+from pipeline.orbit.approaches import Approaches
 from pipeline.orbit.arrays import Controls, Formation, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.corridors import Faces, Margins
 from pipeline.orbit.participants import Participants
+from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 

@@ -17,8 +17,8 @@ from pipeline.expert.conic import OPTIMAL
 from pipeline.expert.cuts import directions
 from pipeline.expert.decoupled import control_limit, decoupled_optima
 from pipeline.expert.seeds import Seed, checked_seed
-from pipeline.orbit.approaches import pairs
 from pipeline.orbit.arrays import Controls
+from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, fuel, meet_goal, step_maps

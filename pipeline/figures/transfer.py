@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from pipeline.arrays import Array, Bool, Float
 from pipeline.figures import style
 from pipeline.figures.labels import label_name
-from pipeline.orbit.approaches import pairs
+from pipeline.orbit.partition import pairs
 from pipeline.orbit.rings import revolution
 
 COLUMNS = 3

@@ -28,10 +28,11 @@ from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_o
 from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter
 from pipeline.flight.last_interval import LastInterval, flown_interval
-from pipeline.orbit.approaches import TOLERANCE, SwarmPartition, swarm_partition
+from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.arrays import Controls, Indices, Values
 from pipeline.orbit.feedback import last_control_map
 from pipeline.orbit.participants import Obstacle
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances

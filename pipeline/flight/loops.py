@@ -15,8 +15,8 @@ from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without_c
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, World
-from pipeline.orbit.approaches import MOST_PAIRS, swarm_partition
 from pipeline.orbit.arrays import Controls, States
+from pipeline.orbit.partition import MOST_PAIRS, swarm_partition
 from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario

@@ -1,13 +1,11 @@
 """Closest approaches of craft by branch and bound, with proven lower bounds and no sampling."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import accumulate, pairwise, starmap
-from typing import TYPE_CHECKING
+from functools import lru_cache
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int, Shaped
+from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,
@@ -30,6 +28,13 @@ from pipeline.orbit.bezier import (
     norm,
 )
 from pipeline.orbit.dynamics import Dynamics
+from pipeline.orbit.partition import (
+    MOST_PAIRS,
+    Pairs,
+    SwarmPartition,
+    least_of_each,
+    swarm_partition,
+)
 from pipeline.orbit.problem import Problem
 
 TOLERANCE = 1e-4  # width in m of the bracket in which a least separation is found
@@ -37,123 +42,12 @@ TOLERANCE = 1e-4  # width in m of the bracket in which a least separation is fou
 PROVABLE = 1.01 * TOLERANCE
 MOST_PARTS = 64  # parts of an interval in one search; longer intervals are searched piece by piece
 AT_ONCE = 250  # motions that are searched in pieces at once, which bounds memory
-# Craft of a swarm, and pairs in all, up to which comparing all pairs is faster than a k-d tree
-FEW, MOST_PAIRS = 128, 300_000
 MANY = 300  # motions or parts from which a prefilter by quick lower bounds pays
 TOGETHER = 20_000  # candidates that are searched at once, which bounds memory
 PAIRS_AT_ONCE = 20_000  # pairs from a tree that are compared at once, to fit in caches
 CHORDS = 4  # per interval, whose midpoints are put in trees: shorter ones have fewer neighbours
 
-if TYPE_CHECKING:
-    from pipeline.orbit.corridors import Faces
-
-Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
 Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
-
-
-class SwarmPartition:
-    """Partition of the craft axis into independent swarms of given sizes."""
-
-    def __init__(self, sizes: tuple[int, ...]) -> None:
-        self.sizes = sizes
-        self.label = np.repeat(np.arange(len(sizes)), sizes)  # the swarm of each craft
-        self.slices = list(starmap(slice, pairwise(accumulate(sizes, initial=0))))  # craft of each
-        self.starts = np.array([craft.start for craft in self.slices])  # the first of these
-        # Whether swarms are small enough to compare all pairs.
-        self.few = max(sizes) <= FEW and sum(n * n for n in sizes) <= 2 * MOST_PAIRS
-        self.held = np.zeros(0, dtype=int)  # participants that are held where they are
-        self.faces: Faces | None = None  # half-spaces that craft stay inside of
-
-    @cached_property
-    def pairs(self) -> Pairs:
-        """First and second craft of every pair i < j of a swarm."""
-        first, second = zip(*(pairs(n) for n in self.sizes), strict=True)
-        shift = np.repeat(self.starts, [len(one) for one in first])
-        return np.concatenate(first) + shift, np.concatenate(second) + shift
-
-    def split(self, rows: Shaped[Array, "craft *rest"]) -> list[Shaped[Array, "_ *rest"]]:
-        """Split an array of all craft into one array for each swarm."""
-        return [rows[craft] for craft in self.slices]
-
-    def per_craft(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
-        """Expand one value for all swarms, or one for each swarm, to a value for each craft."""
-        if isinstance(within, np.ndarray):
-            return within.take(self.label)
-        return np.full(len(self.label), within)
-
-    def all_states(
-        self, states: States, nodes: slice = slice(None)
-    ) -> Float[Array, "participants T 6"]:
-        """Node states of all participants, craft and obstacles; here of craft alone."""
-        return states
-
-    def all_controls(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
-        """Controls of all participants, craft and obstacles; here of craft alone."""
-        return controls
-
-    def participant_mask(self, moved: CraftMask) -> Bool[Array, "participants"]:
-        """The craft that are marked, as a mask of all participants."""
-        return moved
-
-    def is_obstacle(self, rows: Indices) -> Bool[Array, "k"]:
-        """Which participants are obstacles, which no plan moves."""
-        return np.zeros(len(rows), dtype=bool)
-
-    def local_index(self, swarm: int, row: int) -> int:
-        """Index of a participant within its swarm."""
-        return row - int(self.starts[swarm])
-
-    def separation_scaling(
-        self, first: Indices, second: Indices
-    ) -> tuple[Vectors | None, Values | float]:
-        """Scales of the axes for pairs' separations, and an offset to subtract, m."""
-        return None, 0.0
-
-    def separations(
-        self,
-        one: Float[Array, "participants times 3"],
-        other: Float[Array, "participants times 3"],
-        first: Int[Array, "p"],
-        second: Int[Array, "p"],
-    ) -> Float[Array, "p times"]:
-        """Separations of pairs, m, scaled and offset to compare with the collision radius.
-
-        Coordinates are the first axis in the computation, which is several times faster.
-        """
-        gap = one.transpose(2, 0, 1).take(first, 1) - other.transpose(2, 0, 1).take(second, 1)
-        scale, beyond = self.separation_scaling(first, second)
-        if scale is not None:
-            gap *= scale.T[:, :, None]
-        np.square(gap, out=gap)
-        distance: Float[Array, "p times"] = np.sqrt(gap.sum(axis=0))
-        return distance if isinstance(beyond, float) else distance - beyond[:, None]
-
-
-@lru_cache(maxsize=64)
-def swarm_partition(sizes: tuple[int, ...]) -> SwarmPartition:
-    """The partition for swarms of some sizes, cached so that pairs are listed once."""
-    return SwarmPartition(sizes)
-
-
-@lru_cache(maxsize=64)
-def pairs(n: int) -> Pairs:
-    """First and second craft of every pair i < j of n craft, read-only."""
-    both = np.triu_indices(n, 1)
-    for one in both:
-        one.flags.writeable = False
-    return both
-
-
-def least_of_each(
-    value: Values, label: Indices
-) -> tuple[Int[Array, "labels"], Int[Array, "labels"]]:
-    """The labels that occur, and the index of each one's least value; NaN is least."""
-    if len(label) and (label == label[0]).all():
-        return label[:1], np.array([value.argmin()])
-    order = np.lexsort((np.where(np.isnan(value), -np.inf, value), label))
-    ordered = label[order]
-    first = np.flatnonzero(np.diff(ordered, prepend=-1))
-    return ordered[first], order[first]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,11 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_finite, check_kind, check_vector, is_whole
-from pipeline.orbit.approaches import TOLERANCE, least_of_each
+from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
 from pipeline.orbit.nearest import Nearest, no_pairs
+from pipeline.orbit.partition import least_of_each
 from pipeline.orbit.problem import Problem
 
 SIDES = 16  # of the pyramid inscribed in an approach cone; its inradius is 98 % of the cone's

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float, Int, like, namespace, plain
-from pipeline.orbit.approaches import TOLERANCE, Pairs, SwarmPartition, least_of_each, pairs
+from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
+from pipeline.orbit.partition import Pairs, SwarmPartition, least_of_each, pairs
 from pipeline.orbit.separation import Separation
 
 ENDS = basis(np.linspace(-1.0, 1.0, CUBICS + 1)) @ COEFFICIENTS

@@ -15,13 +15,13 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit import chebyshev
-from pipeline.orbit.approaches import SwarmPartition, swarm_partition
 from pipeline.orbit.arrays import Controls, Formation, PerCraft, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_margin
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest, nearest_between
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit

@@ -15,7 +15,6 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_range, check_vector
-from pipeline.orbit.approaches import Pairs, SwarmPartition, swarm_partition
 from pipeline.orbit.arrays import (
     Controls,
     CraftMask,
@@ -26,6 +25,7 @@ from pipeline.orbit.arrays import (
     Vectors,
 )
 from pipeline.orbit.corridors import Corridor, Faces
+from pipeline.orbit.partition import Pairs, SwarmPartition, swarm_partition
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.transfer import fly
 

@@ -11,15 +11,9 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.arrays import Array, Float, Int
-from pipeline.orbit.approaches import (
-    Approaches,
-    Motions,
-    SwarmPartition,
-    balls,
-    closest_to_origin,
-    swarm_partition,
-)
+from pipeline.orbit.approaches import Approaches, Motions, balls, closest_to_origin
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, Values, mapped
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
     ROUNDING,

@@ -18,10 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.orbit.approaches import Approaches, close_approaches, pairs
+from pipeline.orbit.approaches import Approaches, close_approaches
 from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
+from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 
 FAR = 1e-12  # probability, over all pairs, of deviations beyond K, which are not examined

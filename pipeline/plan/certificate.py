@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.orbit.approaches import SwarmPartition, swarm_partition
 from pipeline.orbit.arrays import Controls, PerCraft, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.nearest import Nearest
 from pipeline.orbit.nonlinear import NonlinearFlight, least_after_loss_nonlinear
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import CollisionRisk, collision_risk

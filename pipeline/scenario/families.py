@@ -14,8 +14,9 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, check_choice, check_kind, check_whole
-from pipeline.orbit.approaches import MOST_PAIRS, close_approaches, swarm_partition
+from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.arrays import CraftMask, Formation
+from pipeline.orbit.partition import MOST_PAIRS, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import ring_states
 from pipeline.orbit.separation import drift_separations, node_collisions

@@ -9,10 +9,10 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_choice, check_each, check_kind, is_number
-from pipeline.orbit.approaches import SwarmPartition, swarm_partition
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.thrust import ALONG_AXES, Limits

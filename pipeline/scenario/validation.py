@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 
 from pipeline.errors import InputError, check_kind
-from pipeline.orbit.approaches import SwarmPartition, close_approaches, swarm_partition
+from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.arrays import AnyState, Formation
 from pipeline.orbit.dynamics import ModelError, model_error
 from pipeline.orbit.participants import Participants, at_the_end
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import energy_mismatch, secular_drift
 from pipeline.orbit.separation import least_separations

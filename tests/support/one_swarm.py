@@ -1,7 +1,7 @@
 """One swarm by itself, where the project judges several side by side."""
 
-from pipeline.orbit.approaches import swarm_partition
 from pipeline.orbit.arrays import Controls, States
+from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import Separation, least_separations
 

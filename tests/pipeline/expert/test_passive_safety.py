@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve, solve_many
 from pipeline.expert.cuts import gaps, half_spaces, passive_safety_cuts
 from pipeline.expert.decoupled import decoupled_optima
-from pipeline.orbit.approaches import swarm_partition
+from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states

@@ -15,7 +15,7 @@ from pipeline.expert.cuts import gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit, control_units, decoupled_optima, goal_miss
 from pipeline.expert.solvers import ROWWISE, _highs, by_simplex, new_highs, run
 from pipeline.expert.subproblem import Subproblem, UnsolvableError
-from pipeline.orbit.approaches import swarm_partition
+from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.plan import AT_ALL_TIMES

@@ -12,9 +12,10 @@ from one_swarm import least_separation
 from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 
-from pipeline.orbit.approaches import TOLERANCE, close_approaches, swarm_partition
+from pipeline.orbit.approaches import TOLERANCE, close_approaches
 from pipeline.orbit.bezier import equal_parts
 from pipeline.orbit.dynamics import cw_matrices
+from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import (
     least_separations,

@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.flight.errors import Errors
 from pipeline.flight.loops import Loop
 from pipeline.flight.world import NonlinearWorld
-from pipeline.orbit.approaches import pairs
+from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit

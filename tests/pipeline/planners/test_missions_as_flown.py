@@ -8,10 +8,10 @@ import pytest
 from relative import file_flown, linear_flight, pull
 from scipy.optimize import linprog
 
-from pipeline.orbit.approaches import pairs
 from pipeline.orbit.corridors import Box, Cone, Corridor
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.participants import Obstacle
+from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
