@@ -1,19 +1,25 @@
-"""Clusters: connected components of the conflict graph, and subproblems of large ones.
+"""Clusters: connected components of the conflict graph, and what makes large ones fast.
 
-In a subproblem only craft near unsafe ones move; the controls of all others are fixed.
+In a subproblem only craft near unsafe ones move, with the controls of all others fixed; programs of
+whole clusters start from the simplex basis of the round before.
 """
 
 from itertools import pairwise
 
 import numpy as np
 
-from pipeline.arrays import Array, Int
+from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.cuts import Cuts, HalfSpaces
+from pipeline.expert.subproblem import Basis, Optimum
 from pipeline.orbit.arrays import Controls, CraftMask, Indices
 
 HOPS = 1  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # largest share of a cluster's craft that is solved for alone
 JOINT = 100  # craft up to which clusters share a program: setting one up costs as much as solving
+# Craft of a cluster from which on a program starts from the basis of the last one, and may be
+# solved in parts. In smaller clusters that saves nothing, since programs are linearized anew, and
+# might lead to another of several optima.
+VAST = 1000
 
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
@@ -101,3 +107,34 @@ def with_others_fixed(
     none = np.where(fixed[:, None], 0.0, other)
     both = np.where(first_fixed, j, i), np.where(second_fixed, i, j)
     return *both, HalfSpaces(alone, required, none)
+
+
+class Bases:
+    """Basis of the last program of each large cluster; at first that of decoupled optima.
+
+    Clusters only merge, and bases of two clusters together are a basis of the merged program.
+    """
+
+    def __init__(self, decoupled: Int[Array, "n 6"] | None, m: int) -> None:
+        self._decoupled, self._m = decoupled, m
+        self._controls: Bool[Array, "n both"] | None = None  # once a cluster is large
+        self._slack, self._row = np.zeros((2, 0), dtype=bool)
+
+    def last(self, craft: Int[Array, "_"], cuts: Int[Array, "_"]) -> Basis | None:
+        """The last basis of a cluster; None where it is not large, or none is known."""
+        if self._decoupled is None or len(craft) < VAST:
+            return None
+        if self._controls is None:
+            self._controls = Basis.of_decoupled(self._decoupled, self._m, 0).controls
+        more = np.ones(max(0, int(cuts.max()) + 1 - len(self._row)), dtype=bool)
+        self._slack = np.append(self._slack, ~more)
+        self._row = np.append(self._row, more)  # rows of new cuts are basic
+        return Basis(self._controls[craft], self._slack[cuts], self._row[cuts])
+
+    def keep(self, craft: Int[Array, "_"], cuts: Int[Array, "_"], found: Optimum) -> None:
+        """Keep the basis of a large cluster's optimum, or reset it where there is none."""
+        if self._decoupled is None or self._controls is None or len(craft) < VAST:
+            return
+        decoupled = self._decoupled[craft]
+        basis = found.basis or Basis.of_decoupled(decoupled, self._m, len(cuts))
+        self._controls[craft], self._slack[cuts], self._row[cuts] = vars(basis).values()

@@ -26,9 +26,10 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.expert.bases import VAST, Bases
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import (
+    VAST,
+    Bases,
     Cluster,
     cluster_labels,
     groups,

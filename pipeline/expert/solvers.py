@@ -52,9 +52,9 @@ def by_simplex(sub: Subproblem) -> Optimum:
         *(start, column, value, np.zeros(len(upper), dtype=np.int32)),
     )
     if sub.last is not None:
-        solver.setBasis(_basis_of(sub.last))
+        solver.setBasis(_highs_basis(sub.last))
     elif sub.basis is not None:
-        solver.setBasis(_basis(sub, sub.basis))
+        solver.setBasis(_highs_basis(Basis.of_decoupled(sub.basis, m, k)))
     run(solver, long=k >= LONG)
     status = solver.getModelStatus()
     if status != highspy.HighsModelStatus.kOptimal and sub.last is not None:
@@ -126,25 +126,12 @@ def _rows(sub: Subproblem) -> tuple[Int[Array, "_"], Int[Array, "e"], Float[Arra
     return start, column.astype(np.int32), value
 
 
-def _basis(sub: Subproblem, decoupled: Int[Array, "n 6"]) -> highspy.HighsBasis:
-    """The decoupled optima's bases, and every half-space's slack row."""
-    n, m, k = sub.shape
-    columns = [_LOWER] * (2 * n * m + k)
-    for basic in (decoupled + 2 * m * np.arange(n)[:, None]).ravel().tolist():
-        columns[basic] = _BASIC
-    basis = highspy.HighsBasis()
-    basis.col_status, basis.row_status = columns, [_LOWER] * (6 * n) + [_BASIC] * k
-    basis.valid = True
-    return basis
-
-
-def _basis_of(last: Basis) -> highspy.HighsBasis:
-    """Convert a known basis for HiGHS."""
-    goals = [_LOWER] * (6 * len(last.controls))
-    columns = np.concatenate([last.controls.ravel(), last.slack]).tolist()
+def _highs_basis(known: Basis) -> highspy.HighsBasis:
+    goals = [_LOWER] * (6 * len(known.controls))
+    columns = np.concatenate([known.controls.ravel(), known.slack]).tolist()
     basis = highspy.HighsBasis()
     basis.col_status = [_BASIC if basic else _LOWER for basic in columns]
-    basis.row_status = goals + [_BASIC if basic else _LOWER for basic in last.row.tolist()]
+    basis.row_status = goals + [_BASIC if basic else _LOWER for basic in known.row.tolist()]
     basis.valid = True
     return basis
 

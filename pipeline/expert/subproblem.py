@@ -44,6 +44,13 @@ class Basis:
     slack: Bool[Array, "k"]  # of the half-spaces' slacks
     row: Bool[Array, "k"]  # of the half-spaces' rows
 
+    @classmethod
+    def of_decoupled(cls, basic: Int[Array, "n 6"], m: int, k: int) -> "Basis":
+        """The basis of decoupled optima, given as in ``Subproblem``, and k half-spaces' rows."""
+        controls, slack = np.zeros((len(basic), 2 * m), dtype=bool), np.zeros(k, dtype=bool)
+        np.put_along_axis(controls, basic, True, axis=1)
+        return cls(controls, slack, ~slack)
+
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
@@ -125,17 +132,12 @@ class Subproblem:
         kept = np.abs(value) > NEGLIGIBLE
         return kept.sum(axis=1), column[kept], value[kept]
 
-    def controls_of(self, x: Float[Array, "v"]) -> Float[Array, "n m"]:
-        """Controls in m/s² from the linear program's variables."""
-        n, m, _ = self.shape
-        parts = x[: 2 * n * m].reshape(n, 2, m)
-        controls: Float[Array, "n m"] = self.unit * (parts[:, 0] - parts[:, 1])
-        return controls
-
     def optimum(self, x: Float[Array, "v"], dual: Values) -> Optimum:
         """The solution in SI units, from the variables and the half-spaces' dual variables."""
         n, m, _ = self.shape
-        return Optimum(self.controls_of(x), LENGTH * x[2 * n * m :], self.unit / LENGTH * dual)
+        parts = x[: 2 * n * m].reshape(n, 2, m)
+        controls = self.unit * (parts[:, 0] - parts[:, 1])
+        return Optimum(controls, LENGTH * x[2 * n * m :], self.unit / LENGTH * dual)
 
 
 @lru_cache(maxsize=32)
