@@ -27,8 +27,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import sigma_levels
 from pipeline.plan import Requirements
 
-Craft = Int[Array, "_"] | Bool[Array, "_"]  # some craft, by their indices or a mask
-
 ENDS = 2 * PROVABLE  # slack of back-offs at the ends, which no control can change, m
 
 
@@ -39,8 +37,8 @@ class Trajectory(Rows):
     controls: Controls  # m/s²
     states: States  # node states that the controls fly, m and m/s
 
-    def set(self, craft: Craft, part: "Trajectory") -> None:
-        """Replace the motion of some craft."""
+    def set(self, craft: Int[Array, "_"] | Bool[Array, "_"], part: "Trajectory") -> None:
+        """Replace the motion of some craft, by their indices or a mask."""
         self.controls[craft], self.states[craft] = part.controls, part.states
 
 
@@ -72,9 +70,8 @@ def back_off_shortfall(
     radius = problem.collision_radius
     detection = ConflictDetection(problem, requirements, swarms, back_off=back_off)
     cuts, bound = detection.conflicts(flown, radius)
-    short = np.zeros(len(swarms.starts))
-    swarm = np.searchsorted(swarms.starts, cuts.first, side="right") - 1
-    np.maximum.at(short, swarm, np.maximum(radius - bound, TOLERANCE))
+    short = np.zeros(len(swarms.sizes))
+    np.maximum.at(short, swarms.label[cuts.first], np.maximum(radius - bound, TOLERANCE))
     return short
 
 
@@ -171,11 +168,8 @@ class ConflictDetection:
             states, flown.controls, problem, within, swarms=swarms, moved=moved
         )
         pairs = found.first, found.second, found.interval
-        cuts, bound, h = (
-            Cuts(*pairs, found.state_map, found.control_map),
-            found.bound,
-            problem.time_step,
-        )
+        cuts, bound = Cuts(*pairs, found.state_map, found.control_map), found.bound
+        h = problem.time_step
         for way in (-beside, beside) if beside else ():
             cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
             bound = np.concatenate([bound, found.bound])

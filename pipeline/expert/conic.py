@@ -20,13 +20,7 @@ import clarabel
 import numpy as np
 
 from pipeline.arrays import Array, Float, Int
-from pipeline.expert.subproblem import (
-    LENGTH,
-    NEGLIGIBLE,
-    Optimum,
-    Subproblem,
-    UnsolvableError,
-)
+from pipeline.expert.subproblem import LENGTH, NEGLIGIBLE, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.arrays import Values
 from pipeline.orbit.thrust import COMPONENTS, Limits
 
@@ -269,7 +263,6 @@ def stacked(
 
 
 def _joined(*parts: Parts) -> Parts:
-    """Concatenate the entries."""
     row, column, value = zip(*parts, strict=True)
     return np.concatenate(row), np.concatenate(column), np.concatenate(value)
 

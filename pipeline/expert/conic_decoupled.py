@@ -27,9 +27,8 @@ class Duals(Rows):
     """Dual variables of the programs of n craft; any values prove a bound."""
 
     goal: Float[Array, "n r"]  # y, of the goals and waypoints
-    split: Float[
-        Array, "n intervals 3"
-    ]  # w, of the cones: the part of y · reach that the norm's limit bounds
+    # w, of the cones: the part of y · reach that the norm's limit bounds
+    split: Float[Array, "n intervals 3"]
 
 
 def decoupled_program(at: StateConstraints, limits: Limits, problem: Problem) -> ConicProgram:

@@ -33,11 +33,9 @@ class Cuts(Rows):
 
     first: Indices
     second: Indices
-    interval: Indices  # interval of the time
-    state_map: Float[
-        Array, "k 3 6"
-    ]  # from a craft's state at the interval's start to its position then
-    control_map: Float[Array, "k 3 3"]  # from its control in the interval to its position then
+    interval: Indices  # of the time
+    state_map: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position
+    control_map: Float[Array, "k 3 3"]  # from its control in the interval to its position
     other: SecondCraft | None = None  # of the second craft, where some maps differ
     beyond: Values | None = None  # required beyond the collision radius, by sizes, m
 
@@ -178,9 +176,8 @@ def gaps(cuts: Cuts, states: States, controls: Controls) -> Vectors:
     i, j, k = cuts.first, cuts.second, cuts.interval
     if cuts.other is not None:
         other, t = cuts.other, cuts.other.interval
-        position = np.matvec(cuts.state_map, states[i, k]) + np.matvec(
-            cuts.control_map, controls[i, k]
-        )
+        position = np.matvec(cuts.state_map, states[i, k])
+        position += np.matvec(cuts.control_map, controls[i, k])
         from_other = np.matvec(other.state_map, states[j, t])
         return other.offset + position - from_other - np.matvec(other.control_map, controls[j, t])
     gap = np.matvec(cuts.state_map, states[i, k] - states[j, k])

@@ -26,11 +26,10 @@ ROUNDS = 16  # plans at most
 
 def without_small_burns(task: SearchProblem, results: Sequence[SearchResult]) -> list[SearchResult]:
     """Results of searches, with those that have too small burns searched again."""
-    found = list(results)
-    for k, result in enumerate(results):
-        if not result.obstacle:
-            found[k] = _searched_again(task.part([k]), result)
-    return found
+    return [
+        result if result.obstacle else _searched_again(task.part([k]), result)
+        for k, result in enumerate(results)
+    ]
 
 
 def _searched_again(task: SearchProblem, result: SearchResult) -> SearchResult:

@@ -221,7 +221,6 @@ class Search:
         self.back_off = np.maximum(self.back_off, needed)
 
     def _clusters(self, touched: CraftMask) -> list[Cluster]:
-        """The clusters of some craft."""
         there = np.zeros(len(self.labels), dtype=bool)
         there[self.labels[touched]] = True
         craft = np.flatnonzero(there[self.labels])

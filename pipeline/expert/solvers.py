@@ -69,10 +69,7 @@ def by_simplex(sub: Subproblem) -> Optimum:
 
 
 # Solvers by their name in ``Settings``
-SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {
-    "simplex": by_simplex,
-    "clarabel": by_cones,
-}
+SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {"simplex": by_simplex, "clarabel": by_cones}
 
 
 def _highs() -> highspy.Highs:

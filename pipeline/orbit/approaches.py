@@ -47,8 +47,6 @@ TOGETHER = 20_000  # candidates that are searched at once, which bounds memory
 PAIRS_AT_ONCE = 20_000  # pairs from a tree that are compared at once, to fit in caches
 CHORDS = 4  # per interval, whose midpoints are put in trees: shorter ones have fewer neighbours
 
-Candidates = tuple[Indices, Indices, Indices]  # first craft, second craft and interval
-
 
 @dataclass(frozen=True, eq=False)
 class Motions(Rows):
@@ -298,8 +296,8 @@ def _candidates(
     reach: Float[Array, "craft"],
     swarms: SwarmPartition,
     moved: CraftMask | None,
-) -> Candidates:
-    """All pairs and intervals whose balls are within a distance: by comparison, or k-d trees."""
+) -> tuple[Indices, Indices, Indices]:
+    """First craft, second craft and interval of all balls within a distance of each other."""
     dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
     compared = _compared_pairs(swarms, moved)
     if compared is None:
@@ -334,12 +332,7 @@ def _compared_pairs(swarms: SwarmPartition, moved: CraftMask | None) -> Pairs | 
 
 
 def balls(
-    start: AnyState,
-    end: Vector,
-    control: Vector,
-    dynamics: Dynamics,
-    h: float,
-    interval: Indices,
+    start: AnyState, end: Vector, control: Vector, dynamics: Dynamics, h: float, interval: Indices
 ) -> tuple[Vector, Scalar]:
     """Centre and radius of a ball that each craft stays in over the first h s of an interval, m.
 

@@ -44,7 +44,6 @@ for _point in range(4):
     PARTS[4 * _point : 5 * _point + 1] = _bernstein(_point).T
     PARTS[16 + 5 * _point : 20 + 4 * _point] = _bernstein(3 - _point).T
 
-
 # Weights of c's points in those of four equal parts: its blossom at their ends
 EQUAL_PARTS = np.zeros((16, 4))
 for _part, _point in np.ndindex(4, 4):

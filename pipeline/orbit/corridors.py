@@ -192,10 +192,8 @@ class Margins(Rows):
     offset: Values  # time since the interval's start, s
     margin: Values  # b - a · p at that time, m
     bound: Values  # proven lower bound on it in the interval, m
-    state_map: Float[
-        Array, "k 3 6"
-    ]  # map from the state at the interval's start to the position then
-    control_map: Float[Array, "k 3 3"]  # map from the control in the interval to it
+    state_map: Float[Array, "k 3 6"]  # from the state at the interval's start to the position then
+    control_map: Float[Array, "k 3 3"]  # from the control in the interval to it
 
 
 def margins(
@@ -275,12 +273,11 @@ def _stretches(
     faces: Faces, starts: Values, h: float
 ) -> tuple[Float[Array, "F K"], Float[Array, "F K"], Bool[Array, "F K"]]:
     """Begins and ends of the time in which faces count in intervals, s, and whether they do."""
-    begin = np.clip(faces.begin[:, None] - starts, 0.0, h)
-    end = np.clip(faces.end[:, None] - starts, 0.0, h)
+    since, until = faces.begin[:, None] - starts, faces.end[:, None] - starts
+    begin, end = np.clip(since, 0.0, h), np.clip(until, 0.0, h)
     # A face that counts at a single time counts in each interval that contains it.
-    since = faces.begin[:, None] - starts
-    at_once = (faces.begin == faces.end)[:, None] & (-ROUNDING * h <= since)
-    return begin, end, (end > begin) | (at_once & (since <= h + ROUNDING * h))
+    inside = (-ROUNDING * h <= since) & (since <= h + ROUNDING * h)
+    return begin, end, (end > begin) | ((faces.begin == faces.end)[:, None] & inside)
 
 
 def _largest(ends: Sequence[tuple[Values, Values]], h: Values) -> tuple[Values, Values]:

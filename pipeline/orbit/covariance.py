@@ -89,9 +89,7 @@ class Dispersion:
 
     state: Float[Array, "n T 6 J"]  # effect on each node's state, m and m/s
     control: Float[Array, "n intervals 3 J"]  # effect on each interval's control, m/s²
-    correction_covariance: Float[
-        Array, "n intervals 3 3"
-    ]  # covariance of what feedback adds to controls
+    correction_covariance: Float[Array, "n intervals 3 3"]  # of what feedback adds to controls
     thruster_normals: int = 0  # variables of a craft's thrusters; a pair has those of both craft
 
     @cached_property

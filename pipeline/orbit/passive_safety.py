@@ -43,10 +43,7 @@ def loss_encounters(
     the length of a drift. Encounters that no controls of ``moved`` craft affect are skipped.
     """
     swarms = swarms or swarm_partition((len(states),))
-    reach = swarms.per_craft(within)
-    paths = _Paths(
-        swarms.all_states(states), swarms.all_controls(controls), problem, orbits, swarms
-    )
+    reach, paths = swarms.per_craft(within), _Paths(states, controls, problem, orbits, swarms)
     moved = None if moved is None else swarms.participant_mask(moved)
     found = []
     for length, since in paths.pieces:
@@ -61,16 +58,14 @@ def least_after_loss(
     states: States, controls: Controls, problem: Problem, orbits: float, swarms: SwarmPartition
 ) -> list[Separation]:
     """The least separation between a craft after loss of thrust and any other, in each swarm."""
-    paths = _Paths(
-        swarms.all_states(states), swarms.all_controls(controls), problem, orbits, swarms
-    )
+    paths = _Paths(states, controls, problem, orbits, swarms)
     least = _closest_at_steps(paths, swarms)
     found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
     return replace_if_closer(least, found, problem, swarms)
 
 
 class _Paths:
-    """A plan flown to its end, followed by the drift from the goals for a number of orbits."""
+    """A plan of participants flown to its end, and the drift from there for a number of orbits."""
 
     def __init__(
         self,
@@ -80,6 +75,7 @@ class _Paths:
         orbits: float,
         swarms: SwarmPartition,
     ) -> None:
+        states, controls = swarms.all_states(states), swarms.all_controls(controls)
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
         whole = self.whole = int(steps + NO_LENGTH)  # M, whole time steps of a drift

@@ -201,9 +201,7 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
     state, lost, begin, done = orbit.begin, np.zeros(6), 0.0, 0
     while done < len(wanted):
         half = PIECE / 2 * sqrt(float(norm(state[:3])) ** 3 / MU_EARTH)
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # of decaying orbits, which raise InputError
+        with np.errstate(over="ignore", invalid="ignore"):  # as a decaying orbit raises InputError
             moved = _piece(orbit, state, half)
         inside = slice(done, int(np.searchsorted(wanted, begin + 2 * half, side="right")))
         along = basis((wanted[inside] - begin) / half - 1) @ COEFFICIENTS

@@ -35,10 +35,7 @@ def node_collisions(
 
 
 def swarm_node_collisions(
-    states: States,
-    collision_radius: float,
-    swarms: SwarmPartition,
-    nodes: slice = slice(None),
+    states: States, collision_radius: float, swarms: SwarmPartition, nodes: slice = slice(None)
 ) -> Int[Array, "swarms"]:
     """f_col of each of several swarms, from states at all nodes or at those given."""
     if not swarms.few:
@@ -89,13 +86,10 @@ def replace_if_closer(
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
     for swarm, k in np.transpose(least_of_each(found.distance, label)).tolist():
-        pair = (
-            swarms.local_index(swarm, int(found.first[k])),
-            swarms.local_index(swarm, int(found.second[k])),
-        )
+        i, j = (swarms.local_index(swarm, int(one[k])) for one in (found.first, found.second))
         lost = None if found.node is None else int(found.node[k])
         distance = float(found.distance[k])
-        least[swarm] = Separation(distance, float(bound[swarm]), pair, float(time[k]), lost)
+        least[swarm] = Separation(distance, float(bound[swarm]), (i, j), float(time[k]), lost)
     return least
 
 

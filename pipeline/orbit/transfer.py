@@ -52,9 +52,8 @@ def transfer_maps(problem: Problem) -> TransferMaps:
 def _projection(problem: Problem) -> Float[Array, "m _"]:
     """Map from node states, 6T, to the best-fitting controls that keep the final state."""
     maps, weight, T = transfer_maps(problem), state_weight(problem), problem.nodes
-    free = (
-        np.eye(len(maps.to_goal)) - maps.to_goal @ maps.reach[-1]
-    )  # onto controls without effect on it
+    # Onto controls without effect on the final state
+    free = np.eye(len(maps.to_goal)) - maps.to_goal @ maps.reach[-1]
     fit = (np.tile(weight, T)[:, None] * maps.reach.reshape(6 * T, -1)) @ free
     projected: Float[Array, "m _"] = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
     return projected

@@ -16,11 +16,7 @@ Separation = Literal["continuous", "nodes"]
 MOST_ORBITS = 100.0  # longest drift; the linear model is no longer accurate over so many orbits
 LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
 # Sigmas of a risk limit, each with the error of ``Uncertainty`` whose range it has
-SIGMAS = {
-    "navigation_sigma": "position",
-    "thrust_sigma": "magnitude",
-    "velocity_sigma": "velocity",
-}
+SIGMAS = {"navigation_sigma": "position", "thrust_sigma": "magnitude", "velocity_sigma": "velocity"}
 
 
 @dataclass(frozen=True)
