@@ -53,7 +53,13 @@ class Batch:
         # Required states of each craft, and a fuel bound for every choice of open waypoint times.
         self.constraints, self.open_bound = constraints, np.full(len(self.initial), np.inf)
         if self.limits is not None and constraints is None:
-            self.constraints, self.open_bound = self._constraints(self.limits)
+            waypoints = [
+                replace(one, craft=one.craft + start)
+                for scenario, start in zip(scenarios, self.swarms.starts.tolist(), strict=True)
+                for one in scenario.waypoints
+            ]
+            ends = self.initial, self.goal, self.problem
+            self.constraints, self.open_bound = cheapest_constraints(*ends, self.limits, waypoints)
 
     @cached_property
     def optima(self) -> DecoupledOptima:
@@ -61,15 +67,6 @@ class Batch:
         ends = self.initial, self.goal, self.problem
         optima = decoupled_optima(*ends, self.limits, self.constraints)
         return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
-
-    def _constraints(self, limits: Limits) -> tuple[StateConstraints, Float[Array, "n"]]:
-        """Goals and waypoints at the cheapest nodes, and a fuel bound over all choices."""
-        waypoints = [
-            replace(one, craft=one.craft + start)
-            for scenario, start in zip(self.scenarios, self.swarms.starts.tolist(), strict=True)
-            for one in scenario.waypoints
-        ]
-        return cheapest_constraints(self.initial, self.goal, self.problem, limits, waypoints)
 
     @cached_property
     def weight(self) -> Float[Array, "n"] | None:
@@ -125,9 +122,8 @@ class Batch:
         one of its ends, where no control can move it.
         """
         ends = np.stack([self.initial, self.goal], axis=1)
-        last = self.problem.intervals
-        within = self.problem.collision_radius, self.swarms, slice(None, None, last)
-        close = swarm_node_collisions(ends, *within)
+        nodes = slice(None, None, self.problem.intervals)
+        close = swarm_node_collisions(ends, self.problem.collision_radius, self.swarms, nodes)
         impossible = self.swarms.split(self.optima.impossible)
         given = "with any thrust, however large"
         if self.problem.max_acceleration is not None:
@@ -150,17 +146,14 @@ class Batch:
 
     def _drift_miss(self, k: int) -> str:
         """A clause on how far craft k drifts from its goal, if ``no_burn`` alone is the cause."""
-        if (
-            self.limits is None
-            or self.constraints is None
-            or self.limits.burns[k].any(axis=1).all()
-        ):
+        limits, at = self.limits, self.constraints
+        if limits is None or at is None or limits.burns[k].any(axis=1).all():
             return ""
         one, unlimited = slice(k, k + 1), np.full(1, np.inf)
-        free = replace(self.limits[one], component=unlimited, norm=unlimited, delta_v=unlimited)
+        free = replace(limits[one], component=unlimited, norm=unlimited, delta_v=unlimited)
         ends = self.initial[one], self.goal[one], self.problem
-        held = decoupled_optima(*ends, free, self.constraints[one]).impossible[0]
-        return f"; {self.constraints.missed_by_drift(k)[1]}" if held else ""
+        held = decoupled_optima(*ends, free, at[one]).impossible[0]
+        return f"; {at.missed_by_drift(k)[1]}" if held else ""
 
 
 def _outside(scenario: Scenario) -> str:

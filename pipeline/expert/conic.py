@@ -187,7 +187,11 @@ class ConicProgram:
         return self._by_slot(value, row), b.ravel()
 
     def solver(self, *, careful: bool) -> clarabel.DefaultSolver:
-        """Clarabel's solver for A x + s = b: goals, bounds, spending, half-spaces, cones."""
+        """Clarabel's solver for A x + s = b: goals, bounds, spending, half-spaces, cones.
+
+        A careful one uses equilibration and iterative refinement, which these well-scaled programs
+        rarely need and which take half of the time.
+        """
         from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
         blocks = [self.goals(), self.bounds(), self.spending(), self.half_spaces(), self.cones()]
@@ -196,7 +200,12 @@ class ConicProgram:
         cones += [clarabel.SecondOrderConeT(4)] * (heights[4] // 4)
         A, right_side = stacked(blocks, self.variables, self.kept)
         quadratic = csc_matrix((len(self.kept), len(self.kept)))
-        settings = clarabel_settings(careful=careful)
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1  # since solvers run in parallel
+        settings.presolve_enable = False  # which only drops rows without bounds; there are none
+        settings.equilibrate_enable = settings.iterative_refinement_enable = careful
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
         cost = self.cost()[self.kept]
         return clarabel.DefaultSolver(quadratic, cost, A, right_side, cones, settings)
 
@@ -223,21 +232,6 @@ class ConicProgram:
         found = np.zeros((len(sub.miss), sub.reach.shape[1] // 3, 3))
         found[craft[some], interval[some]] = -z[len(z) - 4 * some.sum() :].reshape(-1, 4)[:, 1:]
         return found
-
-
-def clarabel_settings(*, careful: bool) -> clarabel.DefaultSettings:
-    """Clarabel's solver settings: tolerances, and a single thread, since solvers run in parallel.
-
-    A careful solver uses equilibration and iterative refinement, which these well-scaled programs
-    rarely need and which take half of the time.
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.presolve_enable = False  # which only drops rows without bounds; there are none
-    settings.equilibrate_enable = settings.iterative_refinement_enable = careful
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
-    return settings
 
 
 def stacked(
