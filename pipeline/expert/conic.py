@@ -186,11 +186,11 @@ class ConicProgram:
         b[:, 0] = self.limits.norm[craft[some]] / sub.unit
         return self._by_slot(value, row), b.ravel()
 
-    def solver(self, *, careful: bool) -> clarabel.DefaultSolver:
-        """Clarabel's solver for A x + s = b: goals, bounds, spending, half-spaces, cones.
+    def solution(self, *accepted: str) -> clarabel.DefaultSolution:
+        """Clarabel's solution of A x + s = b: goals, bounds, spending, half-spaces, cones.
 
-        A careful one uses equilibration and iterative refinement, which these well-scaled programs
-        rarely need and which take half of the time.
+        Where it ends with no accepted status, it is sought again with equilibration and iterative
+        refinement, which these well-scaled programs rarely need and which take half of the time.
         """
         from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
@@ -204,10 +204,14 @@ class ConicProgram:
         settings.verbose = False
         settings.max_threads = 1  # since solvers run in parallel
         settings.presolve_enable = False  # which only drops rows without bounds; there are none
-        settings.equilibrate_enable = settings.iterative_refinement_enable = careful
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
-        cost = self.cost()[self.kept]
-        return clarabel.DefaultSolver(quadratic, cost, A, right_side, cones, settings)
+        program = quadratic, self.cost()[self.kept], A, right_side, cones
+        for careful in (False, True):
+            settings.equilibrate_enable = settings.iterative_refinement_enable = careful
+            found = clarabel.DefaultSolver(*program, settings).solve()
+            if str(found.status) in accepted:
+                break
+        return found
 
     def solved(self, x: Values) -> Float[Array, "v"]:
         """All variables, from those that may be nonzero."""
@@ -264,12 +268,11 @@ def _joined(*parts: Parts) -> Parts:
 def by_cones(sub: Subproblem) -> Optimum:
     """Solve a subproblem as a cone program; UnsolvableError where no optimum is found."""
     program = ConicProgram(sub)
-    for careful in (False, True):
-        found = program.solver(careful=careful).solve()
-        if str(found.status) in OPTIMAL:
-            x, z = program.solved(np.asarray(found.x)), np.asarray(found.z)
-            k, end = len(sub.required), len(z) - len(program.cones()[1])
-            top = len(program.slots[0]) * len(program.price)
-            dual = sub.unit / LENGTH * z[end - k : end]
-            return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)
-    raise UnsolvableError(f"the convex solver stopped with {found.status}")
+    found = program.solution(*OPTIMAL)
+    if str(found.status) not in OPTIMAL:
+        raise UnsolvableError(f"the convex solver stopped with {found.status}")
+    x, z = program.solved(np.asarray(found.x)), np.asarray(found.z)
+    k, end = len(sub.required), len(z) - len(program.cones()[1])
+    top = len(program.slots[0]) * len(program.price)
+    dual = sub.unit / LENGTH * z[end - k : end]
+    return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)

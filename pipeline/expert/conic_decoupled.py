@@ -60,12 +60,8 @@ def minimum_fuel_by_cones(
 ) -> tuple[Controls | None, Duals]:
     """Minimum-fuel controls of all craft by one cone program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
-    for careful in (False, True):
-        found = program.solver(careful=careful).solve()
-        if str(found.status) in (*OPTIMAL, IMPOSSIBLE):
-            break
-    sub = program.sub
-    z = np.asarray(found.z)
+    found = program.solution(*OPTIMAL, IMPOSSIBLE)
+    sub, z = program.sub, np.asarray(found.z)
     y = np.zeros(at.miss.shape)
     y[at.constrained] = -z[: at.constrained.sum()]
     dual = Duals(y * sub.goal_scale * sub.unit, program.splits(z))

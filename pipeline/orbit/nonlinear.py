@@ -145,9 +145,6 @@ def least_after_loss_nonlinear(
     dynamics = replace(_dynamics(problem), intervals=last + after)
     ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
     others = _arcs_beside(states[:, 0], np.concatenate([controls, idle], axis=1), dynamics, swarms)
-    one, other = swarms.pairs
-    back = ~swarms.is_obstacle(other)  # no obstacle loses its thrust
-    both = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
     least = Separation()
     for node in range(last + 1):
         adrift = flown_arcs(dynamics, states[:, node], idle, ballistics, node)
@@ -155,7 +152,9 @@ def least_after_loss_nonlinear(
             end = min(k + AT_ONCE, after)
             lost, met = _pieces(adrift[:, k:end]), _pieces(others[:, node + k : node + end])
             begin, length = (node + k) * h, (end - k) * h
-            found = nearest_between(lost, met, both, begin, length, swarms).separation()
+            found = nearest_between(
+                lost, met, swarms.loss_pairs, begin, length, swarms
+            ).separation()
             nearer = replace(found, node=node) if found.distance < least.distance else least
             least = replace(nearer, bound=min(found.bound, least.bound))
     return least

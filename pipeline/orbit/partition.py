@@ -38,6 +38,13 @@ class SwarmPartition:
         shift = np.repeat(self.starts, [len(one) for one in first])
         return np.concatenate(first) + shift, np.concatenate(second) + shift
 
+    @cached_property
+    def loss_pairs(self) -> Pairs:
+        """A craft that loses its thrust, which no obstacle does, and another, of every pair."""
+        one, other = self.pairs
+        back = ~self.is_obstacle(other)
+        return np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
+
     def split(self, rows: Shaped[Array, "craft *rest"]) -> list[Shaped[Array, "_ *rest"]]:
         """Split an array of all craft into one array for each swarm."""
         return [rows[craft] for craft in self.slices]

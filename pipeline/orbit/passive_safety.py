@@ -149,10 +149,7 @@ def _searched(
 
     All of them, or those that the controls of ``moved`` craft affect.
     """
-    one, other = swarms.pairs
-    back = ~swarms.is_obstacle(other)  # no obstacle loses its thrust
-    lost, met = np.concatenate([one, other[back]]), np.concatenate([other, one[back]])
-    count = len(since)
+    (lost, met), count = swarms.loss_pairs, len(since)
     if moved is None:
         windows = [(np.ones(len(lost), dtype=bool), 0, count)]
     else:  # drifts from the first and the last node are fixed, and so are those from goals

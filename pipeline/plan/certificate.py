@@ -348,10 +348,9 @@ def certify(
     if not flights:
         defect = np.abs(dynamics_defect(states, controls, problem)[..., :3]).max(axis=(1, 2))
     columns["dynamics_error"] = np.maximum.reduceat(defect, starts).tolist()
-    both = zip(scenarios, flown, strict=True)
     off = [
         waypoint_errors(s.waypoints, one, problem) if s.waypoints else (None, None)
-        for s, one in both
+        for s, one in zip(scenarios, flown, strict=True)
     ]
     columns["waypoint_error"], columns["waypoint_velocity_error"] = zip(*off, strict=True)
     in_flights: Sequence[NonlinearFlight | None] = flights or [None] * len(scenarios)

@@ -69,7 +69,6 @@ class PlanDocument(BaseModel):
         description="When craft were to be kept apart: continuous, at all times; nodes, at the "
         "nodes only. Left out where it is continuous.",
     )
-
     world: OrbitDocument | None = Field(
         None,
         description="The scenario's orbit, where the plan is as flown about it in all terms of "

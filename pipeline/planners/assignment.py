@@ -8,9 +8,8 @@ from itertools import count
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.expert import decoupled_optima
 from pipeline.expert.batch import Batch
-from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, goal_miss
+from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, decoupled_optima, goal_miss
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.scenario import Scenario
