@@ -52,8 +52,6 @@ RISK_WIDENING = 0.05  # separation added where the risk is too large as flown, m
 MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound; beyond it plans are made anew
 MOST_PLANS = 4  # plans that are made at most, the first included
 
-PROOF = "{}, about the flight, to first order"
-
 Waypoints = tuple[Waypoint, ...]
 
 
@@ -271,7 +269,8 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
         change = bound - Batch([eased], constraints=_constraints(eased)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     least, timing = batch.least_share(batch.craft[0]), {"plan": linear.timing.get("plan", 0.0)}
-    return Draft(controls, bound, PROOF.format(proof), linear.convex_solves, timing, least)
+    proof = f"{proof}, about the flight, to first order"
+    return Draft(controls, bound, proof, linear.convex_solves, timing, least)
 
 
 def _corrected_controls(

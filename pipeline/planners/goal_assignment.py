@@ -20,11 +20,6 @@ from pipeline.scenario import Scenario
 # 50 of thirty craft 1.02, 0.94, 0.81 and 0.77 %.
 MOST_PLANNED = 16
 LARGE_GAP = 1e-2  # optimality gap beyond which further assignments are planned
-# Proof of the bound over all assignments
-PROOF = "the linear assignment problem of all craft and goals, each pair's fuel by"
-
-IMPOSSIBLE = "some craft cannot reach its own{} within {}"
-UNSAFE_DRIFT = "a craft adrift comes within collision_radius of another after the plan"
 PROVEN = "whichever goals they take, {}, which is proven"
 
 
@@ -133,19 +128,21 @@ class _Candidates:
             plain = self.scenario.limits is None
             limits = "max_acceleration" if plain else "its limits of thrust and delta_v"
             way = " by its waypoints" if self.scenario.waypoints else ""
-            message = PROVEN.format(IMPOSSIBLE.format(way, limits))
+            message = PROVEN.format(f"some craft cannot reach its own{way} within {limits}")
             return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
-            plan = replace(plan, message=PROVEN.format(UNSAFE_DRIFT))
+            unsafe = "a craft adrift comes within collision_radius of another after the plan"
+            plan = replace(plan, message=PROVEN.format(unsafe))
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)
         bound = self.costs.of(self.cheapest)
+        proof = "the linear assignment problem of all craft and goals, each pair's fuel by"
         certificate = replace(
             plan.certificate,
             fuel_lower_bound=bound,
             optimality_gap=gap_of(plan.certificate.fuel, bound, self.scenario.problem),
-            fuel_lower_bound_proof=f"{PROOF}: {self.costs.proof}",
+            fuel_lower_bound_proof=f"{proof}: {self.costs.proof}",
         )
         return replace(plan, certificate=certificate, assignment=self._assignment(slots, plan))
 
