@@ -49,12 +49,19 @@ def shared(folder: Folder) -> Iterator[Shared]:
     """A folder for workers to open, which has a mark in the block; without it they refuse.
 
     The mark has the name of an unfinished file, so that readers pass over it, and the next writer
-    removes that of a killed one.
+    removes that of a killed one. InputError where another command has done that in the block.
     """
     mark = f".{storage.WRITER}.{uuid4().hex}.tmp"
     folder.publish(mark, b"")
     try:
         yield Shared(str(folder.local.absolute()) if folder.local else folder.url, mark)
+    except InputError as error:
+        if folder.exists(mark):
+            raise
+        raise InputError(
+            f"{folder} has been taken over by another command, as its storage has no locks between "
+            "machines; wait until that one ends, then give this one again."
+        ) from error
     finally:
         with suppress(ProlearnError):
             folder.remove(mark)

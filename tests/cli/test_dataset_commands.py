@@ -126,7 +126,7 @@ def test_changed_separation_is_refused_with_both_values(sampled):
 def test_a_folder_that_cannot_be_written_to_is_status_1_and_a_file_in_its_place_2(tmp_path):
     status, _, complaint = run("sample", "--n", 2, "--out", "/proc/nowhere")
     assert status == 1
-    assert "/proc/nowhere cannot be written to" in complaint
+    assert "/proc/nowhere cannot be written to (No such file or directory); give" in complaint
     (tmp_path / "a file").write_text("")
     status, _, complaint = run("sample", "--n", 2, "--out", tmp_path / "a file" / "data")
     assert status == 2

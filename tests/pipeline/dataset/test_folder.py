@@ -292,6 +292,14 @@ def test_what_a_worker_does_for_a_client_that_has_ended_is_not_written(solved):
     assert not list(solved.rglob("*.tmp"))
 
 
+def test_a_command_whose_folder_another_has_taken_over_says_so(solved):
+    folder = open_folder(solved)
+    told = pytest.raises(InputError, match="taken over by another command")
+    # The first has no lock, as where others do not see it.
+    with told, shared(folder) as where, sole_writer(folder, OWNED):
+        where.opened()
+
+
 OTHERS = [
     ".letter.tmp",
     ".git/.mine.tmp",
