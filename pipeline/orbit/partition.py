@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 # Craft of a swarm, and pairs in all, up to which comparing all pairs is faster than a k-d tree
 FEW, MOST_PAIRS = 128, 300_000
+DISTANCES_AT_ONCE = 20_000  # distances of pairs that are computed at once, to fit in caches
 
 Pairs = tuple[Int[Array, "p"], Int[Array, "p"]]
 
@@ -94,12 +95,17 @@ class SwarmPartition:
 
         Coordinates are the first axis in the computation, which is several times faster.
         """
-        gap = one.transpose(2, 0, 1).take(first, 1) - other.transpose(2, 0, 1).take(second, 1)
+        points, others = (np.ascontiguousarray(some.transpose(2, 0, 1)) for some in (one, other))
         scale, beyond = self.separation_scaling(first, second)
-        if scale is not None:
-            gap *= scale.T[:, :, None]
-        np.square(gap, out=gap)
-        distance: Float[Array, "p times"] = np.sqrt(gap.sum(axis=0))
+        distance = np.empty((len(first), one.shape[1]))
+        few = max(1, DISTANCES_AT_ONCE // one.shape[1])
+        for part in (slice(k, k + few) for k in range(0, len(first), few)):
+            gap = points.take(first[part], 1)
+            gap -= others.take(second[part], 1)
+            if scale is not None:
+                gap *= scale[part].T[:, :, None]
+            np.square(gap, out=gap)
+            np.sqrt(gap.sum(axis=0), out=distance[part])
         return distance if isinstance(beyond, float) else distance - beyond[:, None]
 
 

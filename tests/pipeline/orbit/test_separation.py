@@ -178,11 +178,14 @@ def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(m
 
 
 @pytest.mark.parametrize("count", [1, 40])
-def test_few_moved_craft_of_a_large_swarm_have_the_approaches_that_are_found_among_all(count):
+def test_few_moved_craft_of_a_large_swarm_have_the_approaches_that_are_found_among_all(
+    count, monkeypatch
+):
     states, controls, problem = thousand_on_rings()
     found = close_approaches(states, controls, problem, within=60.0)
     often = np.bincount(np.concatenate([found.first, found.second]), minlength=1000)
     moved = np.isin(np.arange(1000), (-often).argsort(kind="stable")[:count])
+    monkeypatch.setattr("pipeline.orbit.partition.DISTANCES_AT_ONCE", 1000)
     some = close_approaches(states, controls, problem, within=60.0, moved=moved)
     kept = moved[found.first] | moved[found.second]
     assert kept.sum() >= 5
