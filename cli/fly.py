@@ -18,9 +18,9 @@ from pipeline.figures.labels import MISSING, error, number, percents, share
 from pipeline.files import stem_of
 
 if TYPE_CHECKING:
-    from pipeline.flight.conditions import Conditions
     from pipeline.flight.errors import Errors
     from pipeline.flight.summary import Summary
+    from pipeline.flight.world import Conditions
     from pipeline.parallel.workers import Workers
     from pipeline.plan import Plan, Requirements
 

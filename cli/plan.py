@@ -105,7 +105,7 @@ def plan(
         prolearn plan - --out p.json
     """
     from cli.jobs.planner import planner_of
-    from pipeline.flight.conditions import in_world
+    from pipeline.flight.world import in_world
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.planners.as_flown import AsFlown

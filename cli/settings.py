@@ -15,7 +15,7 @@ from cli.options import OPTION, architectures, families, planners
 from pipeline.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.flight.conditions import Conditions
+    from pipeline.flight.world import Conditions
     from pipeline.orbit.problem import Problem
     from pipeline.orbit.reference_orbit import ReferenceOrbit
     from pipeline.plan import RiskLimit
@@ -357,7 +357,7 @@ class OrbitPlace:
 
     def orbit(self, altitude: float) -> "ReferenceOrbit":
         """The orbit of these mean elements, its semi-major axis so many m above the Earth."""
-        from pipeline.flight.conditions import Conditions
+        from pipeline.flight.world import Conditions
         from pipeline.orbit.reference import R_EARTH
 
         left_out = ("epoch", "no_j2")
@@ -457,7 +457,7 @@ class FlightConditions:
 
     def about(self, scenario: "Scenario") -> "Conditions":
         """Conditions by these options, else by the scenario's reference orbit."""
-        from pipeline.flight.conditions import conditions_of
+        from pipeline.flight.world import conditions_of
 
         _check_drag(self)
         given = {k: v for k, v in vars(self).items() if v is not None and k != "no_j2"}

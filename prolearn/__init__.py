@@ -21,10 +21,10 @@ an ``InputError`` says which extra has it.
 from cli.jobs.planner import planner_of as planner
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings
-from pipeline.flight.conditions import Conditions
 from pipeline.flight.effects import Effect
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.summary import Summary
+from pipeline.flight.world import Conditions
 from pipeline.orbit.corridors import Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from matplotlib.figure import Figure
 
 from pipeline.errors import check_kind, check_range
-from pipeline.flight.conditions import Conditions, world_of
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, fly_loops, refuse_replanning
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
+from pipeline.flight.world import Conditions, world_of
 from pipeline.plan import Plan
 from pipeline.planners.planner import Planner
 from pipeline.scenario.scenario import FURTHEST

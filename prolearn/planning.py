@@ -6,7 +6,7 @@ from typing import Any
 from cli.jobs.planner import planner_of
 from pipeline.errors import InputError, check_each, check_kind
 from pipeline.expert.settings import Effort
-from pipeline.flight.conditions import Conditions, conditions_of, in_world
+from pipeline.flight.world import Conditions, conditions_of, in_world
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner

@@ -13,11 +13,10 @@ from pipeline.experiments import records
 from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
-from pipeline.flight.conditions import Conditions
 from pipeline.flight.errors import COLD_GAS, Errors, check_seed
 from pipeline.flight.loops import FEEDBACK, OPEN, Loop, flight_loops
 from pipeline.flight.trials import SIZE
-from pipeline.flight.world import LinearWorld, NonlinearWorld, World
+from pipeline.flight.world import Conditions, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
 from pipeline.parallel.workers import Workers
 from pipeline.plan import SOLVED, Plan, RiskLimit

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from pipeline.errors import InputError, check_choice
 from pipeline.export.basilisk import write_basilisk
-from pipeline.export.burns import Masses, PerCraft, write_burns
 from pipeline.export.messages import write_ephemerides, write_orbit_parameters
-from pipeline.export.tables import write_csv, write_parquet
+from pipeline.export.tables import Masses, PerCraft, write_burns, write_csv, write_parquet
 from pipeline.plan import Plan
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.export.burns import Masses, burns_of
 from pipeline.export.inertial import reference_frames, stamp
+from pipeline.export.tables import Masses, burns_of
 from pipeline.files import STDIO, write_text
 from pipeline.markup import template
 from pipeline.orbit.forces import EARTH_RATE

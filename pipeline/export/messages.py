@@ -10,8 +10,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import InputError
-from pipeline.export.burns import Burns, Masses, burns_of
 from pipeline.export.inertial import reference_frames, reference_of, stamp
+from pipeline.export.tables import Burns, Masses, burns_of
 from pipeline.files import write_text
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.reference import radius_at

@@ -1,12 +1,18 @@
-"""Node states and controls of a plan as a table: CSV and Parquet, a row for each craft and node."""
+"""A plan as tables: its states and controls at the nodes, and its burns."""
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as brief
 
 import numpy as np
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, Float
+from pipeline.errors import InputError, is_number
+from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import published, write_rows
+from pipeline.orbit.thrust_cost import cost_within
 from pipeline.plan import Plan
 from pipeline.plan.document import plan_document
 from pipeline.plan.judge import check_states
@@ -14,6 +20,9 @@ from pipeline.plan.judge import check_states
 METADATA_KEY = b"prolearn"
 STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
 BESIDE = ("times", "states", "controls")  # columns of a table; other fields are metadata
+GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
+
+PerCraft = float | Sequence[float]
 
 
 def columns_of(plan: Plan) -> dict[str, Array]:
@@ -56,3 +65,102 @@ def write_parquet(plan: Plan, path: Path) -> None:
     # Arrow opens only files whose names are UTF-8.
     with published(path) as temporary, temporary.open("wb") as file:
         pq.write_table(table, file, write_page_checksum=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Masses:
+    """Masses of craft, and the specific impulse of their thrusters."""
+
+    mass: Float[Array, "n"]  # at the first node, kg
+    specific_impulse: Float[Array, "n"] | None = None  # s; None: no propellant is counted
+
+    @classmethod
+    def of(
+        cls, n: int, mass: PerCraft | None, specific_impulse: PerCraft | None = None
+    ) -> "Masses | None":
+        """Masses of n craft by one number (kg, s) for all or one for each, or None without a mass.
+
+        InputError for other counts, numbers that are not positive, or no mass.
+        """
+        if mass is None and specific_impulse is not None:
+            raise InputError("specific_impulse is given without mass; expected both.")
+        given = {"mass": mass, "specific_impulse": specific_impulse}
+        held = {k: _per_craft(k, one, n) for k, one in given.items() if one is not None}
+        return cls(**held) if held else None
+
+
+def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:
+    values = np.atleast_1d(np.array(given, dtype=object))
+    fine = all(is_number(one) and 0 < one < np.inf for one in values.flat)
+    if not fine or values.shape not in ((1,), (n,)):
+        few = values.ravel()[:4].tolist()
+        said = ", ".join(f"{one:g}" if is_number(one) else brief(one) for one in few)
+        raise InputError(
+            f"{name} is {said}{', ...' if values.size > 4 else ''}; expected a positive number for "
+            f"all craft, or one for each of {n}."
+        )
+    return np.broadcast_to(values.astype(float), n).copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Burns:
+    """Intervals in which craft thrust, in the order of craft and time; SI units, a row each.
+
+    Propellant is taken for what controls cost by the scenario's kind of thrust, within its limits.
+    """
+
+    craft: Array
+    interval: Array  # from 0; it begins at the node of this number
+    acceleration: Float[Array, "burns 3"]  # held along LVLH axes, m/s²
+    delta_v: Float[Array, "burns"]  # by the scenario's kind of thrust, m/s
+    mass: Float[Array, "burns"]  # before, kg; NaN where none was given
+    propellant: Float[Array, "burns"]  # that it takes, kg; NaN where it is not known
+
+
+def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
+    """The burns of a plan; InputError where its states are not what the controls lead to."""
+    check_states(plan)
+    problem = plan.scenario.problem
+    burned = cost_within(plan.controls, problem.thrust, plan.scenario.limits)
+    used = problem.time_step * burned
+    craft, interval = np.nonzero(used)
+    mass = propellant = np.full(used.shape, np.nan)
+    if masses is not None:
+        mass = np.repeat(masses.mass[:, None], used.shape[1], axis=1)
+        if masses.specific_impulse is not None:
+            exhaust = GRAVITY * masses.specific_impulse[:, None]
+            mass = mass * np.exp(-(np.cumsum(used, axis=1) - used) / exhaust)  # Tsiolkovsky
+            propellant = -mass * np.expm1(-used / exhaust)
+    at = craft, interval
+    return Burns(*at, plan.controls[at], used[at], mass[at], propellant[at])
+
+
+def write_burns(plan: Plan, path: Path, masses: Masses | None = None) -> None:
+    """Write the list of burns as CSV, with a header line; the file appears whole, or on stdout.
+
+    What is not known is empty: times in UTC without a ``reference``, inertial accelerations where
+    the scenario does not say where its orbit is, masses.
+    """
+    scenario, burns = plan.scenario, burns_of(plan, masses)
+    h, where = scenario.problem.time_step, scenario.reference
+    start, size = burns.interval * h, np.linalg.norm(burns.acceleration, axis=1)
+    inertial = np.full_like(burns.acceleration, np.nan)
+    if len(start) and (where is not None or scenario.problem.orbit is not None):
+        frame = reference_frames(scenario, start + h / 2)[1]
+        inertial = np.matvec(frame.axes, burns.acceleration)
+    columns = {
+        "craft": burns.craft,
+        "node": burns.interval,
+        "time_s": start,
+        "utc": [stamp(where.epoch, t) + "Z" if where else None for t in start.tolist()],
+        "duration_s": np.full(len(start), h),
+        **dict(zip(CONTROL, burns.acceleration.T, strict=True)),
+        **{f"{name}_eme2000": u for name, u in zip(CONTROL, inertial.T, strict=True)},
+        "delta_v": burns.delta_v,
+        "delta_v_2norm": h * size,
+        "mass": burns.mass,
+        "force": burns.mass * size,
+        "propellant": burns.propellant,
+    }
+    rows = (v.tolist() if isinstance(v, np.ndarray) else v for v in columns.values())
+    write_rows(path, columns, zip(*rows, strict=True))

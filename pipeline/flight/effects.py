@@ -10,9 +10,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions, problem_in, world_of
 from pipeline.flight.encounters import Encounters, Surroundings
-from pipeline.flight.world import LinearWorld, World
+from pipeline.flight.world import Conditions, LinearWorld, World, problem_in, world_of
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.nonlinear import least_after_loss_nonlinear

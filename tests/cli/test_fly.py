@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.expert import decoupled_optima, solve
-from pipeline.flight.conditions import Conditions
+from pipeline.flight.world import Conditions
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from pipeline.flight.conditions import Conditions
+from pipeline.flight.world import Conditions
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, mean_motion_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit

@@ -9,7 +9,7 @@ from judge import Case, after, judge_plan, least_adrift, least_clearance, obstac
 
 import prolearn
 from pipeline.errors import InputError
-from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.world import Conditions, in_world
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.participants import Obstacle, Participants
 from pipeline.orbit.problem import Problem

@@ -13,10 +13,10 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.export.basilisk import write_basilisk
-from pipeline.export.burns import Masses
 from pipeline.export.messages import thrust_arcs
-from pipeline.flight.conditions import Conditions, conditions_of, in_world
+from pipeline.export.tables import Masses
 from pipeline.flight.effects import effects
+from pipeline.flight.world import Conditions, conditions_of, in_world
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.planners.as_flown import AsFlown

@@ -18,8 +18,8 @@ from thrusting import AXES
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.export import write_plan_as
-from pipeline.export.burns import Masses, write_burns
 from pipeline.export.messages import write_ephemerides, write_orbit_parameters
+from pipeline.export.tables import Masses, write_burns
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.thrust import Thrust

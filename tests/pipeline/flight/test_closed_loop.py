@@ -11,11 +11,10 @@ from judge import Case, closest_adrift
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
-from pipeline.flight.conditions import conditions_of, world_of
 from pipeline.flight.errors import COLD_GAS, Errors, draws
 from pipeline.flight.loops import MARGIN, flight_loops
 from pipeline.flight.trials import fly_trials, open_loop
-from pipeline.flight.world import LinearWorld
+from pipeline.flight.world import LinearWorld, conditions_of, world_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model

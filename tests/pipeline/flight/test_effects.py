@@ -8,8 +8,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
-from pipeline.flight.conditions import Conditions, in_world, world_of
 from pipeline.flight.effects import effects, fly_controls
+from pipeline.flight.world import Conditions, in_world, world_of
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at

@@ -16,14 +16,13 @@ import prolearn
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.figures.intervals import wilson
-from pipeline.flight.conditions import Conditions, problem_in, world_of
 from pipeline.flight.effects import effects, flight_report
 from pipeline.flight.encounters import OF_CORRIDORS, OF_SIZES
 from pipeline.flight.errors import COLD_GAS, Errors, draws
 from pipeline.flight.loops import Loop, fly_loops
 from pipeline.flight.montecarlo import FIELDS, TrialSettings, fly_all
 from pipeline.flight.trials import fly_trials, open_loop
-from pipeline.flight.world import LinearWorld
+from pipeline.flight.world import Conditions, LinearWorld, problem_in, world_of
 from pipeline.orbit.corridors import Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.expert import solve
-from pipeline.flight.conditions import Conditions, in_world
+from pipeline.flight.world import Conditions, in_world
 from pipeline.orbit.problem import Problem
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.classical import Expert
