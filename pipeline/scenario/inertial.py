@@ -138,14 +138,13 @@ def _table(text: str, name: str) -> Formation:
 def _csv_rows(text: str, name: str) -> list[dict[str, Any]]:
     """Rows by column, with numbers parsed; lines that begin with # are comments."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    header = next(csv.reader(lines[:1]), [])
-    names = [column.strip() for column in header]
-    if len({*names}) < len(names):
-        raise InputError(f"{name} has a column twice; expected each once.")
     try:
+        names = [column.strip() for column in next(csv.reader(lines[:1]), [])]
         rows = [*csv.DictReader(lines[1:], names, restkey=MORE, restval="")]
     except csv.Error as error:
         raise InputError(f"{name} is not CSV: {error}; expected {WHAT}.") from error
+    if len({*names}) < len(names):
+        raise InputError(f"{name} has a column twice; expected each once.")
     return [{column: _number(value) for column, value in row.items()} for row in rows]
 
 

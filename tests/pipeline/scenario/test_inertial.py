@@ -241,6 +241,8 @@ def test_bad_tables_are_refused_one_by_one(tmp_path):
         (f"{head}\n7e6,0,1e300,0,1,1", "row 1 has z_m 1e+300"),
         (f"{elements}\n7e6,0.99,0,0,0,0", "row 1: eccentricity is 0.99; expected a number from 0"),
         (f"{elements}\n7000,0.1,0,0,0,0", "row 1: semi_major_axis is 7000 m"),
+        ("x" * 200_000, "is not CSV"),
+        (f"{head}\n{'7' * 200_000}", "is not CSV"),
         ("[1, 2]", "is no list of objects"),
         ("{}", "is no list of objects"),
         ("[{", "is not JSON"),
