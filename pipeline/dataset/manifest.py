@@ -235,7 +235,7 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
         what = "holds no dataset" if folder.names() else "is empty"
     raise InputError(
         f"{folder} {what}; expected a dataset folder: make one with "
-        f"`prolearn dataset --preset demo --out {folder}`."
+        f"`prolearn dataset --preset demo --out {quote(str(folder))}`."
     )
 
 

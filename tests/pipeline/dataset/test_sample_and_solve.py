@@ -233,6 +233,8 @@ def test_examples_are_the_rows_of_their_split(solved):
 def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
     with pytest.raises(InputError, match=r"does not exist.*prolearn dataset"):
         read_manifest(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"prolearn dataset --preset demo --out '[^']* else'`"):
+        read_manifest(tmp_path / "somewhere else")
     (tmp_path / "bare").mkdir()
     with pytest.raises(InputError, match="is empty"):
         read_manifest(tmp_path / "bare")
