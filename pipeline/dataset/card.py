@@ -62,9 +62,8 @@ IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a 
 REBUILT = "data/again"  # folder in the commands that make the dataset again
 # Columns that the card has numbers of
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
-VALUES_PER_TASK = (
-    2_000_000  # values of states in a task of a worker: 20 MB, which it reads in 0.1 s
-)
+# Values of states in a task of a worker: 20 MB, which it reads in 0.1 s
+VALUES_PER_TASK = 2_000_000
 FEW_TASKS = 40  # below so many, starting processes takes longer than reading here
 QUANTILES = (0.5, 0.9, 0.99, 1.0)  # of the optimality gap
 TYPED_DIGITS = range(-3, 7)  # decimals of an altitude in m that a person may have typed

@@ -59,10 +59,8 @@ def sample(
     for n, by in samples.items():
         draw(by.family, by.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise
-    foreign = (
-        [] if is_begun(folder) else [name for name in folder.top() if not TOP_LEVEL.fullmatch(name)]
-    )
-    if foreign:
+    foreign = [name for name in folder.top() if not TOP_LEVEL.fullmatch(name)]
+    if foreign and not is_begun(folder):
         raise InputError(
             f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
             "empty folder."
@@ -177,13 +175,10 @@ def _is_solved(ledger: Ledger[Manifest], shard: Shard) -> bool:
 
 
 def _solve_shard(shard: Shard, content: bytes) -> NewShard:
-    settings, requirements = (
-        settings_of(shard.manifest.solve),
-        requirements_of(shard.manifest.solve),
-    )
+    how = shard.manifest.solve
     check_worker(shard.manifest.made_with.solve, SOLVED_BY)
     table = decode(content, shard.most)
-    plans = _plans(schema.scenarios_of(table), settings, requirements)
+    plans = _plans(schema.scenarios_of(table), settings_of(how), requirements_of(how))
     solved = encode(schema.solved_table(table, plans, shard.metadata(shard.solved)))
     timings = encode(schema.timing_table(table, plans, digest_of(solved)))
     failed = sum(isinstance(plan, str) or plan.status != SOLVED for plan in plans)

@@ -66,10 +66,8 @@ def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, Rows]]:
     has = {c: table[c].is_valid().to_numpy() for c in (*PLANNED, "min_separation", "convex_solves")}
     odd = np.any([has[c] != solved for c in PLANNED], axis=0)
     odd |= has["min_separation"] != (solved & (n > 1))  # one craft has no separation
-    yield (
-        "has missing values, or values that its status excludes",
-        odd | (solved & ~has["convex_solves"]),
-    )
+    odd |= solved & ~has["convex_solves"]
+    yield "has missing values, or values that its status excludes", odd
     status = np.array(table["status"].to_pylist())
     yield f"has none of the statuses {', '.join(STATUSES)}", ~np.isin(status, STATUSES)
     negative = pc.less(table["convex_solves"], 0).fill_null(False).to_numpy()
@@ -95,10 +93,8 @@ def _row_checks(
     collisions = node_collisions(states, problem.collision_radius)
     yield "breaks the dynamics", _beyond(dynamics_defect(states, controls, problem))
     yield "misses an end", _beyond(states[:, :, [0, -1]] - ends)
-    yield (
-        "claims a fuel other than that of its controls",
-        ~np.isclose(used, claimed, rtol=1e-9, atol=0),
-    )
+    other = ~np.isclose(used, claimed, rtol=1e-9, atol=0)
+    yield "claims a fuel other than that of its controls", other
     yield "has less fuel than its lower bound", ~(used >= bound * (1 - 1e-9) - negligible)
     yield "has a lower bound that is not 0 or more", ~(bound >= -negligible)
     yield "claims a gap other than that of its fuel", ~np.isclose(gaps, gap, rtol=0, atol=1e-9)

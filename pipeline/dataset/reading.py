@@ -24,7 +24,7 @@ COPIES = 8  # most copies of examples in memory while they are read and encoded
 
 
 def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard]) -> None:
-    """Raise InputError, shard_named the first shard that is not solved yet."""
+    """Raise InputError, naming the first shard that is not solved yet."""
     for shard in shards:
         if shard.solved not in manifest.shards:
             raise InputError(

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-from pipeline.errors import InputError, check_range
-from pipeline.scenario import SPLITS
-from pipeline.scenario.families import SEEDS, check_family
+from pipeline.errors import InputError, check_choice, check_range
+from pipeline.scenario import FAMILIES, SPLITS
+from pipeline.scenario.families import SEEDS
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Sample:
     shard_rows: int = 250  # scenarios in a shard
 
     def __post_init__(self) -> None:
-        check_family(self.family)
+        check_choice("family", self.family, FAMILIES)
         check_range("count", self.count, 1, SEEDS - 1)
         check_range("seed", self.seed, 0, SEEDS - 1)
         check_range("the number of rows in a shard", self.shard_rows, 1, SEEDS - 1)

@@ -241,7 +241,6 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
 
 
 def _row_faults(table: pa.Table, kind: str, shard: Shard) -> Iterator[str]:
-    """What is wrong with the rows of a shard."""
     if kind == "timings":
         return
     if table["split"].to_pylist() != [split for split, _ in shard.sample.drawn_as(shard.rows)]:

@@ -205,7 +205,4 @@ def _velocities(plan: Plan, burns: Burns) -> Float[Array, "burns 3"]:
     share = np.arange(problem.intervals)[:, None] + (1 + points) / 2
     turned = reference_frames(plan.scenario, problem.time_step * share)[1].axes
     mean = np.tensordot(turned, weights / 2, axes=(1, 0))
-    added: Float[Array, "burns 3"] = problem.time_step * np.matvec(
-        mean[burns.interval], burns.acceleration
-    )
-    return added
+    return problem.time_step * np.matvec(mean[burns.interval], burns.acceleration)

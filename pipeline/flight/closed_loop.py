@@ -132,9 +132,8 @@ class ClosedLoop:
                 flown = Choice(problem, estimate, choice.controls, least, self._lost)
                 flown.open &= choice.open
                 self._ask(flown, self._after, asked)
-                self._ahead = np.where(
-                    choice.open[:, None, None, None], flown.controls, choice.controls
-                )
+                relaxing = choice.open[:, None, None, None]
+                self._ahead = np.where(relaxing, flown.controls, choice.controls)
         self.unsafe += ~choice.safe(problem.collision_radius)
 
     def _ask(self, choice: "Choice", planner: Planner, separations: Sequence[EachTrial]) -> None:

@@ -43,14 +43,12 @@ class Encounters:
             (OF_SIZES, self.sized, radius),
             (OF_CORRIDORS, self.inside, 0.0),
         )
-        return {
-            name: column
-            for names, one, off in kinds
-            if one is not None
-            for name, column in zip(
-                names, (one.distance - off, one.first, one.second, one.time), strict=True
-            )
-        }
+        found: dict[str, Array] = {}
+        for names, one, off in kinds:
+            if one is not None:
+                columns = one.distance - off, one.first, one.second, one.time
+                found |= zip(names, columns, strict=True)
+        return found
 
 
 class Surroundings:
@@ -88,7 +86,6 @@ class Surroundings:
 
 
 def _obstacle_arcs(scenario: Scenario, world: World) -> Iterator[Float[Array, "m M q 6"]]:
-    """Arcs of obstacles over each interval."""
     states = np.array([one.state for one in scenario.obstacles])
     held = np.array([one.hold for one in scenario.obstacles])
     for k in range(scenario.problem.intervals):

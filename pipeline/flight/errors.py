@@ -52,11 +52,10 @@ class Errors(Uncertainty):
         )
 
 
+_NAVIGATION = {"position": 0.05, "velocity": 5e-4, "position_bias": 0.02, "velocity_bias": 1e-4}
+
 COLD_GAS = Errors(
-    position=0.05,
-    velocity=5e-4,
-    position_bias=0.02,
-    velocity_bias=1e-4,
+    **_NAVIGATION,
     magnitude=0.02,
     direction=0.02,
     magnitude_fixed=1e-4,
@@ -99,15 +98,12 @@ Our own choice: 5 % of their size and 1.1° of alignment; Δv comes in bits of 0
 """
 
 ELECTRIC = Errors(
-    position=0.05,
-    velocity=5e-4,
-    position_bias=0.02,
-    velocity_bias=1e-4,
+    **_NAVIGATION,
+    **_FILTERED,
     magnitude=0.005,
     direction=0.01,
     magnitude_bias=0.01,
     direction_bias=0.01,
-    **_FILTERED,
 )
 """A swarm with electric thrusters, steady and slow to change: our own choice.
 
@@ -156,7 +152,9 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     bias, noise, burn, lag, missed = _uniform(seed, trials, *shapes)
     (thruster,) = _uniform(seed + SEEDS, trials, (n, 4))
     (loss,) = _uniform(seed + 2 * SEEDS, trials, (3,))
-    bias, noise, burn, lag, thruster = map(_normal, (bias, noise, burn, lag, thruster))
+    # 0, whose normal number is infinite, is replaced by a number close to it.
+    normal = (ndtri(np.maximum(u, 2.0**-54)) for u in (bias, noise, burn, lag, thruster))
+    bias, noise, burn, lag, thruster = normal
     return Draws(bias, noise, burn, lag, missed, thruster, loss)
 
 
@@ -168,11 +166,6 @@ def _uniform(key: int, trials: range, *shapes: tuple[int, ...]) -> list[Float[Ar
     numbers = np.random.Generator(stream).random((count, 4 * blocks))[:, : sum(sizes)]
     parts = np.split(numbers, np.cumsum(sizes)[:-1], axis=1)
     return [part.reshape(count, *shape) for part, shape in zip(parts, shapes, strict=True)]
-
-
-def _normal(uniform: Float[Array, "K *rest"]) -> Float[Array, "K *rest"]:
-    """Standard normal numbers from uniform ones; 0 is replaced by a number close to it."""
-    return np.asarray(ndtri(np.maximum(uniform, 2.0**-54)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,9 +56,8 @@ class LastInterval:
         """Changes of controls, m/s², that give each pair the required separation."""
         problem, i, j = self.problem, found.first, found.second
         begin = self.estimate.reshape(-1, 6)
-        gap = np.matvec(found.state_map, begin[i] - begin[j]) + np.matvec(
-            found.control_map, held[i] - held[j]
-        )
+        gap = np.matvec(found.state_map, begin[i] - begin[j])
+        gap += np.matvec(found.control_map, held[i] - held[j])
         apart = norm(gap)
         normal = gap / np.maximum(apart, PROVABLE)[:, None]
         short = self._required_separation(found, normal, held) - found.bound

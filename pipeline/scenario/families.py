@@ -41,11 +41,6 @@ Formations = Float[Array, "_ _ 6"]
 """A formation of each of several draws, m and m/s."""
 
 
-def check_family(family: str) -> None:
-    """Refuse an unknown family with an InputError."""
-    check_choice("family", family, FAMILIES)
-
-
 def draw(
     family: str, seed: int, n: int, index: int, problem: Problem, split: str = "train"
 ) -> Scenario:
@@ -64,7 +59,7 @@ def draw_many(
     InputError for an unknown family or split, n, seed or index out of range, or where no passively
     safe formation of n craft was found.
     """
-    check_family(family)
+    check_choice("family", family, FAMILIES)
     check_kind("problem", problem, Problem)
     check_whole("n", n, 1, MOST_CRAFT)
     check_whole("seed", seed, 0, SEEDS - 1)
@@ -137,7 +132,6 @@ Problems = tuple[Problem, Problem]  # with the reference orbit as at the first a
 def _ring(
     a: float, tilt: float, phases: Float[Array, "m"], cross: float = 0.0, offset: float = 0.0
 ) -> Elements:
-    """Elements of craft on one ring."""
     elements = np.empty((len(phases), 5))
     elements[:] = a, tilt, 0.0, cross, offset
     elements[:, 2] = phases

@@ -80,7 +80,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
     for end, states, problem in _ends(scenario):
         close = _separation(scenario, end, states, problem)
         for case in close.cases:
-            required = f"collision_radius, {problem.collision_radius:g} m"
+            required = _required_separation(scenario)
             if scenario.sized:
                 required = f"their sizes: {scenario.wanted(*case.craft)}"
             raise InputError(
@@ -212,39 +212,30 @@ def _passive_safety(
     both = np.stack([found.first, found.second])[:, order]
     order = order[np.unique(both, axis=1, return_index=True)[1]]
     orbit = 2 * np.pi / problem.mean_motion
-    cases = tuple(
-        Case(
-            (int(found.first[k]), int(found.second[k])),
-            f"{_pair_at(scenario, end, int(found.first[k]), int(found.second[k]))} come "
-            f"{_approach(scenario, float(found.distance[k]))} at {time[k]:.0f} s, "
-            f"{time[k] / orbit:.2f} orbits",
-            {"distance": float(found.distance[k]), "time": float(time[k])},
+    cases = []
+    for k in order[found.distance[order].argsort(kind="stable")].tolist():
+        i, j, distance = int(found.first[k]), int(found.second[k]), float(found.distance[k])
+        near = (
+            f"{radius - distance:.4g} m too close" if scenario.sized else f"within {distance:.4g} m"
         )
-        for k in order[found.distance[order].argsort(kind="stable")]
-    )
+        at = f"{time[k]:.0f} s, {time[k] / orbit:.2f} orbits"
+        text = f"{_pair_at(scenario, end, i, j)} come {near} at {at}"
+        cases.append(Case((i, j), text, {"distance": distance, "time": float(time[k])}))
     if cases:
-        within = _required_separation(scenario)
-        text = f"pairs within {within}, in an orbit of free drift: {len(cases)}"
-        return Diagnostic(PASSIVE, end, text, cases, f"change orbits or {_size_remedy(scenario)}")
+        wrong = f"pairs within {_required_separation(scenario)}, in an orbit of free drift"
+        cure = f"change orbits or {_size_remedy(scenario)}"
+        return diagnostic_of(PASSIVE, end, cases, wrong, cure, "")
     (least,) = least_separations(*drift, swarms)
     if least.pair is None:
         return Diagnostic(PASSIVE, end, "one craft alone")
-    i, j = least.pair
     near = f"{least.distance:.4g} m"
     if scenario.sized:
         near = f"{least.distance - radius:.4g} m further apart than their sizes ask for,"
     text = (
-        f"in an orbit of free drift no pair is closer than {scenario.named(i, j)}, "
+        f"in an orbit of free drift no pair is closer than {scenario.named(*least.pair)}, "
         f"{near} at {least.time:.0f} s"
     )
     return Diagnostic(PASSIVE, end, text)
-
-
-def _approach(scenario: Scenario, distance: float) -> str:
-    """How close a pair comes, in words."""
-    if scenario.sized:
-        return f"{scenario.problem.collision_radius - distance:.4g} m too close"
-    return f"within {distance:.4g} m"
 
 
 def _waypoint_separation(scenario: Scenario) -> Iterator[Diagnostic]:

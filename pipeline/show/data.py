@@ -203,8 +203,7 @@ def _distance(points: Float[Array, "K 1 3"], line: Float[Array, "P 3"]) -> Value
     steps = np.diff(line, axis=0)
     lengths = np.maximum(np.vecdot(steps, steps), np.finfo(float).tiny)
     along = np.clip(np.vecdot(points - line[:-1], steps) / lengths, 0, 1)
-    nearest: Values = norm(points - line[:-1] - along[..., None] * steps).min(axis=1)
-    return nearest
+    return norm(points - line[:-1] - along[..., None] * steps).min(axis=1)
 
 
 def _whole(values: Float[Array, "*shape"]) -> Any:

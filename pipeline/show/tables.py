@@ -75,7 +75,8 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
 
 def certificate_rows(plan: Plan, status: str) -> Rows:
     """The certificate: labels, and numbers with their units."""
-    found = plan.certificate
+    found, thrust = plan.certificate, plan.scenario.problem.thrust
+    fuel = f"Fuel, {thrust.total}" + " (Eq. 4)" * (thrust.model == COMPONENTS)
     gap = f"at most {100 * found.optimality_gap:z.2f} %"
     if WITHOUT_GAP & {status, plan.status}:
         gap = MISSING
@@ -83,7 +84,7 @@ def certificate_rows(plan: Plan, status: str) -> Rows:
         gap = "unknown: the bound is no more than rounding"
     return [
         ("It holds for", _motion(plan)),
-        (_fuel(plan.scenario), f"{found.fuel:.6g} m/s²"),
+        (fuel, f"{found.fuel:.6g} m/s²"),
         ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
         ("Lower bound on fuel (from the file)", f"{found.fuel_lower_bound:.6g} m/s²"),
         ("Gap to that bound", gap),
@@ -114,11 +115,6 @@ def motion(plan: Plan) -> str:
         return "the exact solution of the Clohessy-Wiltshire equations"
     start = ", from where the flight has craft at each node," * plan.as_flown
     return f"the solution of the linear equations about the reference orbit{start}"
-
-
-def _fuel(scenario: Scenario) -> str:
-    thrust = scenario.problem.thrust
-    return f"Fuel, {thrust.total}" + " (Eq. 4)" * (thrust.model == COMPONENTS)
 
 
 def _thrust_rows(found: Certificate) -> Rows:
@@ -318,12 +314,10 @@ def _windows(no_burn: Windows) -> str:
 def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
     if orbit is None:
         return []
+    shape = f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°"
     drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"
     return [
-        (
-            "Osculating eccentricity and inclination",
-            f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°",
-        ),
+        ("Osculating eccentricity and inclination", shape),
         ("Forces", f"{'an oblate Earth (J2)' if orbit.j2 else 'two bodies'}{drag}"),
     ]
 
