@@ -41,14 +41,7 @@ def required_module(module: str, package: str) -> Any:
 
 
 class SwarmModel:
-    """A scenario in cvxpy: variables, dynamics and both ends.
-
-    Attributes:
-        states: of all craft at each node, T of (n, 6), m and m/s.
-        controls: of all craft in each interval, T-1 of (n, 3), in UNIT.
-        objective: Eq. 4, in UNIT.
-        constraints: Eq. 2, both ends, and the thrust limit where there is one.
-    """
+    """A scenario in cvxpy: variables (m and m/s, and UNIT), fuel, dynamics, ends, thrust limit."""
 
     def __init__(self, scenario: Scenario) -> None:
         n, problem = scenario.n, scenario.problem

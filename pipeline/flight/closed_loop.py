@@ -57,14 +57,7 @@ EachState = Float[Array, "K n 6"]
 
 
 class ClosedLoop:
-    """Guidance of K trials, each replanned at every node but the first.
-
-    Attributes:
-        unsafe: number of nodes of each trial at which no known plan from the estimate to the goal
-            satisfies the planner's requirements, (K,).
-        seconds: planning time of each trial at each node, (K, intervals); NaN at the first node and
-            with one or two intervals left, where no planner is asked.
-    """
+    """Guidance of K trials, each replanned at every node but the first."""
 
     def __init__(
         self,
@@ -94,7 +87,9 @@ class ClosedLoop:
             expected = errors.gaussian(scenario.problem.time_step)
             self._filter = Filter(scenario.problem, expected)
         self._commanded: Float[Array, "K n 3"] | None = None
+        # By trial, the nodes at which no known plan to the goal satisfies the requirements
         self.unsafe = np.zeros(trials, dtype=int)
+        # Planning time by trial and node; NaN at the first and where no planner is asked
         self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
 
     def __call__(self, node: int, estimate: EachState) -> Float[Array, "K n 3"]:
@@ -257,16 +252,7 @@ class Margin:
 
 
 class Choice:
-    """The choice between several plans for each of K trials.
-
-    Attributes:
-        problem: of the intervals that are left.
-        estimate: states at its first node, m and m/s.
-        controls: of the best so far, (K, n, intervals, 3), m/s².
-        separation: lower bound on the separation of all pairs with them, from the estimate, (K,),
-            m: at any time or at the nodes, and after a loss of thrust, as required.
-        open: whether no plan yet is safe and meets the goal, (K,).
-    """
+    """The choice between several plans for each of K trials."""
 
     def __init__(
         self,
@@ -279,6 +265,7 @@ class Choice:
     ) -> None:
         """Begin with the current controls, m/s², corrected for the goal, over the rest.
 
+        The problem is that of the intervals left, and the estimate has the states where it begins.
         ``lost`` is the craft of each trial without thrust, and so without controls; -1 for none.
         The allowance, m/s², is the additional fuel that a back-off may cost.
         """
@@ -286,10 +273,11 @@ class Choice:
         self._lost, under_way = lost, np.array(under_way)
         adrift = lost >= 0
         under_way[adrift, lost[adrift]] = 0.0
-        self.controls = self._within_limit(under_way)
+        self.controls = self._within_limit(under_way)  # of the best plan so far, m/s²
         self._most = _fuel(self.controls) + allowance
+        # Bound on the least separation with these, m: at the times, and after a loss, as required
         self.separation = self._separation(slice(None), self.controls)
-        self.open = np.ones(len(estimate), dtype=bool)
+        self.open = np.ones(len(estimate), dtype=bool)  # no plan yet is safe and meets the goal
         self._to_goal = np.abs(under_way).max(axis=(1, 2, 3)) <= problem.most_control
 
     def offer(
