@@ -108,6 +108,9 @@ def test_what_else_a_file_may_have_is_passed_over(rows):
     made = ephemeris_from(text + covariance + "META_START" + more, "a.oem")
     assert made.frame == "ICRF" and len(made.segments) == 2
     assert made.state_at(EPOCH, 95.5) == pytest.approx(flown([0, 95.5])[1], abs=1e-5)
+    between = message([*rows[:2], *covariance.splitlines(), *rows[2:]])
+    found = ephemeris_from(between, "a.oem").state_at(EPOCH, 95.5)
+    assert found == pytest.approx(flown([0, 95.5])[1], abs=1e-5)
 
 
 def test_days_of_the_year_and_digits_beyond_microseconds_are_read(rows):
