@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from pipeline.errors import InputError
 from pipeline.orbit.arrays import Formation, PerCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
@@ -81,9 +82,19 @@ class RingDocument(
         return np.deg2rad(self.first_phase_deg) + 2 * np.pi * np.arange(n) / n
 
     def states(self, problem: Problem) -> Formation:
-        """LVLH states of its craft at the problem's first node, m and m/s."""
+        """LVLH states of its craft at the problem's first node, m and m/s.
+
+        InputError where the orbit has no relative motion of that size.
+        """
         tilt, cross = np.deg2rad([self.tilt_deg, self.cross_phase_deg]).tolist()
-        return ring_states(problem, self.size, tilt, self.phase, cross, self.offset)
+        with np.errstate(all="ignore"):
+            found = ring_states(problem, self.size, tilt, self.phase, cross, self.offset)
+        if not np.isfinite(found).all():
+            raise InputError(
+                f"a ring has a size of {self.size:g} m and an offset of {self.offset:g} m; "
+                "expected both far below the radius of the reference orbit."
+            )
+        return found
 
 
 class RingsDocument(Strict):

@@ -123,3 +123,12 @@ def test_a_wrong_field_is_named_by_its_path_and_nothing_is_written(tmp_path, fie
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "s.json").exists()
+
+
+@pytest.mark.parametrize("size", [1e9, 1e300])
+def test_a_ring_too_large_for_its_orbit_is_named(tmp_path, size):
+    orbit = OrbitDocument.of(ReferenceOrbit(6_878_137.0, 0.001, 97.4)).model_dump()
+    ends = [RING], [{"craft": RING["craft"], "size": size}]
+    with pytest.raises(InputError) as caught:
+        written(tmp_path / "s.json", *ends, altitude=None, orbit=orbit)
+    assert f"a ring has a size of {size:g} m" in str(caught.value)
