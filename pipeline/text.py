@@ -24,6 +24,11 @@ def visible(text: str, escape: Callable[[str], str] = _escape) -> str:
     return text.translate(hidden) if hidden else text
 
 
+def first_line(error: object) -> str:
+    """The first line of an error's text, or its class where there is none."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
 HIDDEN = "..."
 # A URL inside a sentence; a second one directly behind the first is one of its own
 _URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")

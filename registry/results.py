@@ -22,8 +22,7 @@ from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.scratch import scratch_folder
 from pipeline.storage.folder import open_folder
-from pipeline.storage.shards import digest_of
-from pipeline.storage.tables import table_bytes, table_from
+from pipeline.storage.shards import digest_of, table_bytes, table_from
 from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.store import EVALUATION, Store, connect, opened, recorded_run

@@ -27,6 +27,7 @@ from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
+from pipeline.text import first_line
 from pipeline.training.loop import Trained
 from registry import entities, models
 from registry.environment import TRAINED_BY, environment_tags, requirements, with_architectures
@@ -263,9 +264,9 @@ def add_model_results(
             store.client.log_inputs(version.run_id, [used])
             store.client.log_artifacts(version.run_id, str(figures), "figures")
         except Exception as error:  # of any kind: where files are, each cloud's library has its own
-            reason = next(iter(str(error).splitlines()), "")[:300]
             entities.warn(
-                f"The evaluation of {version.uri} is not added to its training run ({reason})."
+                f"The evaluation of {version.uri} is not added to its training run "
+                f"({first_line(error)[:300]})."
             )
 
 

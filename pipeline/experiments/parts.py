@@ -14,7 +14,7 @@ from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.storage.folder import Folder
 from pipeline.storage.ledger import Ledger, NewShard, ShardList, open_ledger
-from pipeline.storage.tables import table_bytes, table_from
+from pipeline.storage.shards import table_bytes, table_from
 
 SCHEMA = "prolearn.parts/1"
 OWNED = r"table=\w+/part-\d{5,}\.parquet"  # pattern of the names of shards

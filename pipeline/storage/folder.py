@@ -13,7 +13,7 @@ from pyarrow import fs
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.files import path_of, published, refuse_undecodable, unfinished
-from pipeline.text import public, public_url
+from pipeline.text import first_line, public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
 
@@ -217,5 +217,4 @@ def _filesystem(url: str) -> tuple[Any, str]:
 
 def _reason(error: Exception, url: str) -> str:
     """The first line of an error of the operating system or a store, without a URL's secrets."""
-    text = getattr(error, "strerror", None) or str(error)
-    return public(next(iter(text.strip().splitlines()), type(error).__name__), url)
+    return public(first_line(getattr(error, "strerror", None) or error), url)

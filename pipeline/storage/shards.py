@@ -1,10 +1,10 @@
-"""Shards as bytes: Parquet with page checksums, whose metadata says how the rows were made."""
+"""Shards and pandas tables as bytes: Parquet with page checksums, checked before it is read."""
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -13,6 +13,10 @@ import pyarrow.parquet as pq
 from pipeline.documents import parse_json
 from pipeline.errors import InputError
 from pipeline.storage.folder import Folder
+from pipeline.text import first_line
+
+if TYPE_CHECKING:
+    import pandas as pd  # whose import takes long, and most shards are not for it
 
 TEXT_COLUMNS = ("family", "split", "status")
 METADATA_KEY = b"prolearn"  # in the schema's metadata: all that determines the rows, as JSON
@@ -20,6 +24,14 @@ TIMED_KEY = b"prolearn_shard"  # metadata of timings: the SHA-256 of their shard
 
 # Most bytes of a row without its lists, and of each value of a list, before compression
 ROW_BYTES, VALUE_BYTES = 2**16, 32
+
+MOST_BYTES = 2 * 10**9
+MOST_CELLS = 5 * 10**7  # size in memory, and cells, of the largest pandas table that is read
+# What the columns of a pandas table may hold
+KINDS = (
+    *(pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean),
+    *(pa.types.is_string, pa.types.is_large_string, pa.types.is_null),
+)
 
 
 @dataclass(frozen=True)
@@ -56,14 +68,14 @@ def decode(
             pa.BufferReader(content), page_checksum_verification=not trusted
         ) as file:
             if not trusted:
-                _refuse_larger(sound_metadata(file, most.rows), most)
+                _refuse_larger(_sound_metadata(file, most.rows), most)
                 _refuse_long_texts(content, file.schema_arrow, most)
                 _refuse_contradiction(file)
             return file.read(columns=None if columns is None else list(columns), use_threads=False)
     except InputError:
         raise
     except Exception as error:  # Arrow raises of all kinds where a footer is damaged
-        raise InputError(f"cannot be read ({_first_line(error)})") from error
+        raise InputError(f"cannot be read ({first_line(error)})") from error
 
 
 def read_content(folder: Folder, name: str) -> bytes:
@@ -96,7 +108,7 @@ def read_metadata(table: pa.Table) -> dict[str, Any]:
     try:
         return dict(parse_json((table.schema.metadata or {})[METADATA_KEY]))
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"its metadata cannot be read ({_first_line(error)})") from error
+        raise InputError(f"its metadata cannot be read ({first_line(error)})") from error
 
 
 def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
@@ -104,7 +116,25 @@ def has_metadata(table: pa.Table, meta: Mapping[bytes, bytes]) -> bool:
     return (table.schema.metadata or {}).get(METADATA_KEY) == meta[METADATA_KEY]
 
 
-def sound_metadata(file: pq.ParquetFile, most_rows: int) -> pq.FileMetaData:
+def table_bytes(table: "pd.DataFrame") -> bytes:
+    """A table as the bytes of a Parquet file, with checksums of its pages."""
+    return encode(pa.Table.from_pandas(table, preserve_index=False))
+
+
+def table_from(content: bytes) -> "pd.DataFrame":
+    """The table in an untrusted Parquet file; InputError if damaged, too large or no table."""
+    try:
+        _check_size(content)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"it cannot be read ({error})") from error
+    table = decode(content, Size(MOST_CELLS, MOST_CELLS))
+    try:
+        return table.to_pandas()
+    except Exception as error:  # of any kind, where the metadata for pandas are nonsense
+        raise InputError(f"it is no pandas table ({error})") from error
+
+
+def _sound_metadata(file: pq.ParquetFile, most_rows: int) -> pq.FileMetaData:
     """The metadata of a file whose columns are read once; InputError for more rows.
 
     pyarrow 25 ends the process where a column's statistics are asked for and contradict each other;
@@ -118,7 +148,7 @@ def sound_metadata(file: pq.ParquetFile, most_rows: int) -> pq.FileMetaData:
     return metadata
 
 
-def text_bytes(content: bytes, schema: pa.Schema) -> int:
+def _text_bytes(content: bytes, schema: pa.Schema) -> int:
     """Size in memory of all texts of a file, which may store a text of millions of rows once."""
     text = (pa.types.is_string, pa.types.is_large_string)
     names = [field.name for field in schema if any(fits(field.type) for fits in text)]
@@ -144,7 +174,7 @@ def _refuse_larger(file: pq.FileMetaData, most: Size) -> None:
 
 
 def _refuse_long_texts(content: bytes, schema: pa.Schema, most: Size) -> None:
-    size = text_bytes(content, schema)
+    size = _text_bytes(content, schema)
     if size > most.rows * ROW_BYTES:
         raise InputError(f"holds {size} bytes of text; expected at most {most.rows * ROW_BYTES}")
 
@@ -156,5 +186,28 @@ def _refuse_contradiction(file: pq.ParquetFile) -> None:
         raise InputError("is damaged: the two copies of its metadata differ")
 
 
-def _first_line(error: Exception) -> str:
-    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+def _check_size(content: bytes) -> None:
+    """Refuse a table that is small as a file and too large in memory."""
+    with pq.ParquetFile(pa.BufferReader(content)) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+        if rows > MOST_CELLS:
+            raise _too_large(rows, 8 * rows)
+        metadata = _sound_metadata(file, MOST_CELLS)
+    for field in schema:
+        if not any(fits(field.type) for fits in KINDS):
+            raise InputError(f"its column {field.name[:40]!r} is of type {field.type}")
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
+    cells = max(rows, sum(chunk.num_values for chunk in chunks))
+    size = sum(chunk.total_uncompressed_size for chunk in chunks)
+    if cells <= MOST_CELLS and size <= MOST_BYTES:
+        size = _text_bytes(content, schema)
+    if cells > MOST_CELLS or size > MOST_BYTES:
+        raise _too_large(cells, size)
+
+
+def _too_large(cells: int, size: int) -> InputError:
+    return InputError(
+        f"it has {cells} cells and takes {size / 1e9:.3g} GB in memory; at most {MOST_CELLS} "
+        f"and {MOST_BYTES / 1e9:g} GB are read"
+    )

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.storage.tables import table_bytes, table_from
+from pipeline.storage.shards import table_bytes, table_from
 
 TABLE = pd.DataFrame(
     {
