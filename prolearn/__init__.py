@@ -40,9 +40,8 @@ from pipeline.scenario.document import read_scenario, write_scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
 from pipeline.tradeoff import Point
-from prolearn.flying import MonteCarlo, fly, monte_carlo
 from prolearn.learned import load_model, models, read_dataset
-from prolearn.planning import plan, plan_all, tradeoff
+from prolearn.planning import MonteCarlo, fly, monte_carlo, plan, plan_all, tradeoff
 from prolearn.swarms import Ring, scenario, scenario_from_files
 from prolearn.views import Page, Plot, convert, plot, show
 

@@ -23,7 +23,7 @@ from pipeline.plan import Plan
 from pipeline.scenario import Scenario
 from pipeline.show import page
 from pipeline.tradeoff import Point, knee_of, tradeoff_figure
-from prolearn.flying import MonteCarlo
+from prolearn.planning import MonteCarlo
 
 STEPS = 24  # points drawn in each interval
 HEIGHT = 980  # of a page in a notebook, pixels: 700 wide, its bar covers nothing of the motion
