@@ -88,7 +88,7 @@ def _sigterm_raises() -> Iterator[None]:
         def again(*_: Any) -> None:
             raise unraisable.exc_type
 
-        if isinstance(unraisable.exc_value, KeyboardInterrupt) and hasattr(signal, "SIGALRM"):
+        if isinstance(unraisable.exc_value, KeyboardInterrupt):
             signal.signal(signal.SIGALRM, again)
             signal.setitimer(signal.ITIMER_REAL, RETRY_SECONDS)
         else:

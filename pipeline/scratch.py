@@ -52,15 +52,10 @@ def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
     with suppress(OSError):
         for path in sorted(path for path in folder.iterdir() if fits(path.name)):
             with suppress(*NO_LOCK):
-                if _is_ours(path):
+                if path.lstat().st_uid == os.geteuid():  # others may write to the folder, too
                     with FileLock(path, timeout=0):  # a Timeout is an OSError: its holder lives
                         clear(path.name.removesuffix(SUFFIX))
                         path.unlink(missing_ok=True)
-
-
-def _is_ours(path: Path) -> bool:
-    """Whether a file is this user's, in a folder that several may write to."""
-    return not hasattr(os, "geteuid") or path.lstat().st_uid == os.geteuid()
 
 
 @contextmanager
