@@ -11,7 +11,7 @@ from rich.table import Column, Table
 
 from cli.app import CommandGroup
 from cli.output import echo, plain_text, print_json, print_table, stdout_for_document, wide_console
-from cli.progress import each
+from cli.progress import progress
 from cli.settings import AsJson, option
 from pipeline.errors import InputError
 
@@ -210,10 +210,13 @@ def export(
     # A wrong name stops all of them.
     versions = [None if model == PACKAGED else resolve(model) for model in models]
     targets = _targets(versions, out)
-    for version, target in each("exporting", list(zip(versions, targets, strict=True))):
-        file, card = run(version, target, n=n, flown=flown)
-        _print_export(file)
-        echo(f"Model card: {card}")
+    with progress("exporting") as shown:
+        shown.expect(len(models) if len(models) > 1 else 0)
+        for version, target in zip(versions, targets, strict=True):
+            file, card = run(version, target, n=n, flown=flown)
+            _print_export(file)
+            echo(f"Model card: {card}")
+            shown.done()
 
 
 def _targets(versions: Sequence["ModelVersion | None"], out: Path | None) -> list[Path | None]:

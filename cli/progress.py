@@ -1,9 +1,8 @@
 """Progress of long work: a bar on a terminal, plain lines elsewhere."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -101,18 +100,6 @@ def progress(what: str) -> Iterator[DisplayedProgress]:
     """Show how far some work is, such as "solving"."""
     with ExitStack() as stack:
         yield DisplayedProgress(what, stack)
-
-
-Item = TypeVar("Item")
-
-
-def each(what: str, items: Sequence[Item]) -> Iterator[Item]:
-    """The items one by one, showing how many of them are done where there are several."""
-    with progress(what) as shown:
-        shown.expect(len(items) if len(items) > 1 else 0)
-        for item in items:
-            yield item
-            shown.done()
 
 
 def _bar(console: Console) -> Progress:

@@ -34,8 +34,8 @@ def parse_json(content: bytes) -> Any:
     return from_json(content)
 
 
-def validated(kind: type, fields: Any) -> Any:
-    """Validate fields as a dataclass, by pydantic; ValidationError where they do not fit."""
+def validated(kind: Any, fields: Any) -> Any:
+    """Validate fields as a dataclass or a type, by pydantic; ValidationError if they do not fit."""
     return _validator(kind).validate_python(fields)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-from pipeline.documents import parse_json
+from pipeline.documents import parse_json, validated
 from pipeline.networks.recipes import code_of_others, distribution_of
 from pipeline.provenance import DecidedBy, made_with, version_change
 
@@ -26,7 +26,7 @@ EVALUATED_BY: DecidedBy = (
     (
         *(f"pipeline/{part}" for part in PLANNING),
         *(f"pipeline/experiments/{k}.py" for k in EXPERIMENTS),
-        *(f"cli/jobs/{job}.py" for job in ("experiments", "networks")),
+        "cli/jobs/experiments.py",
     ),
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )
@@ -60,11 +60,9 @@ def changed_since(tags: Mapping[str, str], decided_by: DecidedBy) -> str:
 def versions_of(tags: Mapping[str, str]) -> dict[str, str]:
     """The versions that decided an earlier run; none where its tags do not say."""
     try:
-        found = parse_json(tags.get(MADE_WITH, "").encode())
+        return validated(dict[str, str], parse_json(tags.get(MADE_WITH, "").encode()))
     except ValueError:
         return {}
-    plain = isinstance(found, dict) and all(isinstance(value, str) for value in found.values())
-    return found if plain else {}
 
 
 def requirements(arch: str) -> list[str]:

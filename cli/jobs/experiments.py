@@ -8,7 +8,6 @@ from typing import Any
 
 import pandas as pd
 
-from cli.jobs.networks import EvaluatedNetwork, classical_planners, networks
 from cli.jobs.run_tables import add_to_model
 from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
@@ -30,16 +29,20 @@ from pipeline.experiments.trials import (
 from pipeline.experiments.verdicts import DECOUPLED
 from pipeline.experiments.warmstart import run_warmstarts
 from pipeline.networks.device import torch_device
+from pipeline.networks.model import Model
 from pipeline.networks.recipes import MOST, REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
+from pipeline.plan import Requirements
 from pipeline.planners.classical import BASELINES, Expert
-from pipeline.planners.network import FallbackPlanner
+from pipeline.planners.network import FallbackPlanner, NetworkPlanner, check_problem
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
+from pipeline.storage.folder import Where
 from pipeline.text import public_url
 from registry.environment import EVALUATED_BY, with_architectures
+from registry.models import ModelVersion, load, newest_trainings, resolve, table_names
 from registry.results import Recorded, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
@@ -48,6 +51,66 @@ FLOWN_BASELINES = ("minimum energy", DECOUPLED)
 MOST_LARGER = 30  # scenarios of the paper's largest swarms that are flown, too
 WEIGHTS_DIGITS = 16  # kept of each model's digest: MLflow limits a parameter to 6000 characters
 FEWEST_NODES = 4  # of the shortest transfer that is replanned: with fewer the goal fixes controls
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedNetwork:
+    """A registered network in the experiments, named by version too where trainings differ."""
+
+    model: Model
+    version: ModelVersion
+    name: str
+
+    @property
+    def evaluated(self) -> EvaluatedPlanner:
+        """The network flown and as predicted, for workers, which need no MLflow."""
+        planner, of = NetworkPlanner(self.model, self.name), self.version
+        return EvaluatedPlanner(planner, of.recipe, of.training_seed, self.model)
+
+    def on(self, problem: Problem) -> "EvaluatedNetwork":
+        """The same network for another time grid; InputError where its weights do not fit."""
+        return replace(self, model=self.model.on(problem))
+
+
+def networks(
+    references: Sequence[str], data: Where, arch: str = "", device: str | None = None
+) -> list[EvaluatedNetwork]:
+    """Networks by reference, or the newest trained on some data, of one architecture if given.
+
+    Refiners plan on a torch device if given. InputError for a reference that is no model, a model
+    of another orbit or time grid than the data's, or a device and no refiner.
+    """
+    manifest = read_manifest(data)
+    chosen = [*{v.uri: v for v in map(resolve, references)}.values()]
+    if not chosen:
+        newest = newest_trainings({n: manifest.digest(n) for n in manifest.samples})
+        if not newest and (others := newest_trainings()):
+            known = ", ".join(sorted({v.params.get("dataset", "unknown") for v in others}))
+            raise InputError(
+                f"no model was trained on {public_url(data)} as it is now; expected some: train "
+                f"one, or name models with --models (there are some trained on {known})."
+            )
+        chosen = [v for v in newest if arch in ("", v.arch)]
+    chosen.sort(key=lambda v: (v.arch, v.recipe, v.training_seed, v.version))
+    if device is not None and REFINER not in {version.arch for version in chosen}:
+        raise InputError(
+            f"device is {device} and no refiner is among the models, which alone plans there; "
+            "expected one: train it or name it with --models, or leave --device out."
+        )
+    found, names = [], table_names(chosen)
+    for version in chosen:
+        model, _ = load(version)
+        check_problem(model, manifest.problem, public_url(data))
+        if version.arch == REFINER:
+            model = replace(model, device=device)
+        found.append(EvaluatedNetwork(model, version, names[version.uri]))
+    return found
+
+
+def classical_planners() -> list[EvaluatedPlanner]:
+    """The expert in both separation settings, and the baselines."""
+    at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
+    return [EvaluatedPlanner(planner) for planner in (Expert(), at_nodes, *BASELINES)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +222,8 @@ def evaluate(
         table = pd.concat(tables, ignore_index=True)
         drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
         for network in inputs.networks:
-            add_to_model(network, table, drawn, (settings.data, inputs.digest))
+            used = settings.data, inputs.digest
+            add_to_model(network.version, network.evaluated, table, drawn, used)
         write_example(example_transfer(drawn, planners), files / "example.npz")
         return table
 
@@ -246,8 +310,8 @@ def flights(
     for network in inputs.networks:
         network.on(shortest)  # refuses weights that fit one T alone
     safe = [
-        replace(one.evaluated, planner=FallbackPlanner(one.planner), predictor=None)
-        for one in inputs.networks
+        replace(one, planner=FallbackPlanner(one.planner), predictor=None)
+        for one in (network.evaluated for network in inputs.networks)
     ]
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:

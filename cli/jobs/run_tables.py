@@ -6,7 +6,6 @@ from typing import Any
 import pandas as pd
 from pandas.api.types import infer_dtype
 
-from cli.jobs.networks import EvaluatedNetwork
 from pipeline.experiments import averages as columns
 from pipeline.experiments.averages import sizes_of_paper, summarize
 from pipeline.experiments.example_transfer import example_transfer
@@ -22,6 +21,7 @@ from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
+from registry.models import ModelVersion
 from registry.results import TABLE, Run, experiment_run, table_of, unusable_file
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 from registry.training import add_model_results
@@ -85,22 +85,25 @@ def averages(run_id: str) -> list[dict[str, Any]]:
 
 
 def add_to_model(
-    network: EvaluatedNetwork, trials: pd.DataFrame, scenario: Scenario, dataset: tuple[str, str]
+    version: ModelVersion,
+    evaluated: EvaluatedPlanner,
+    trials: pd.DataFrame,
+    scenario: Scenario,
+    dataset: tuple[str, str],
 ) -> None:
     """Add metrics, figures and the dataset (folder, digest) of an evaluation to a network's run."""
-    evaluated = network.evaluated
-    same = (trials.planner == network.name) & (trials.recipe == evaluated.recipe)
+    same = (trials.planner == evaluated.planner.name) & (trials.recipe == evaluated.recipe)
     own = summarize(trials[same & (trials.training_seed == evaluated.training_seed)])
     expert = summarize(trials[trials.planner == Expert().name])
     summary, example = pd.concat([expert, own]), [EvaluatedPlanner(Expert()), evaluated]
     paper, style = sizes_of_paper(summary), planner_styles(summary["planner"])
-    metrics = _metrics(own, network.model.n_train)
+    metrics = _metrics(own, version.n)
     with scratch_folder() as scratch:
         for name in ("collisions", "fuel", "safe"):
             figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)
             save(figure, scratch / name, [".png"])
         save(transfer_figure(example_transfer(scenario, example)), scratch / "transfer", [".png"])
-        add_model_results(network.version, metrics, scratch, dataset=dataset)
+        add_model_results(version, metrics, scratch, dataset=dataset)
 
 
 def _metrics(mine: pd.DataFrame, n_train: int) -> dict[int, dict[str, float]]:

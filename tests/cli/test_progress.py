@@ -10,9 +10,9 @@ import pytest
 from short_transfer import PROBLEM
 from typer.testing import CliRunner
 
-from cli.jobs.networks import classical_planners
+from cli.jobs.experiments import classical_planners
 from cli.main import app
-from cli.progress import each, progress
+from cli.progress import progress
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
@@ -167,10 +167,19 @@ def test_on_80_columns_no_number_of_a_bar_is_cut(monkeypatch, capsys):
 
 def test_an_item_counts_when_the_work_on_it_is_over(monkeypatch, capsys):
     monkeypatch.setattr("cli.progress.LINE_SECONDS", 0.0)
-    for k, _ in enumerate(each("working", ["a", "b"])):
-        assert capsys.readouterr().err.count("working") == min(k, 1)
+    with progress("working") as shown:
+        shown.expect(2)
+        for k in range(2):
+            assert capsys.readouterr().err.count("working") == min(k, 1)
+            shown.done()
     assert "working: 2/2" in capsys.readouterr().err
-    assert list(each("working", ["a"])) == ["a"]
+
+
+def test_work_that_expects_no_units_shows_nothing(monkeypatch, capsys):
+    monkeypatch.setattr("cli.progress.LINE_SECONDS", 0.0)
+    with progress("working") as shown:
+        shown.expect(0)
+        shown.done()
     assert capsys.readouterr().err == ""
 
 

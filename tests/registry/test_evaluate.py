@@ -41,10 +41,10 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     asked = Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
     add = job.add_to_model
 
-    def first_only(network: Any, *rest: Any) -> None:
-        if network.planner.name != "ff1":
+    def first_only(version: Any, *rest: Any) -> None:
+        if version.arch != "ff1":
             raise KeyboardInterrupt
-        add(network, *rest)
+        add(version, *rest)
 
     monkeypatch.setattr(job, "add_to_model", first_only)
     with pytest.raises(KeyboardInterrupt):

@@ -11,7 +11,7 @@ import pytest
 from rights import room_until_told
 from typer.testing import CliRunner
 
-from cli.jobs.networks import networks
+from cli.jobs.experiments import networks
 from cli.main import app
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.trainings import training_table

@@ -18,7 +18,7 @@ from noisy import network
 from planted import one_size
 from typer.testing import CliRunner
 
-from cli.jobs.networks import networks
+from cli.jobs.experiments import networks
 from cli.jobs.train import challenge
 from cli.jobs.training import validation_trials
 from cli.main import app

@@ -178,7 +178,6 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
         "pipeline/experiments/trials.py",
         "pipeline/experiments/warmstart.py",
         "cli/jobs/experiments.py",
-        "cli/jobs/networks.py",
     }
 
 
