@@ -34,7 +34,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.files import refuse_undecodable
 from pipeline.parallel.processes import waiting_signals
 from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
-from pipeline.text import public, public_url, sqlite_url
+from pipeline.text import first_line, public, public_url, sqlite_url
 from registry.entities import pages
 
 DEFAULT_URI = "sqlite:///mlflow.db"
@@ -122,13 +122,12 @@ def store_errors(uri: str) -> Iterator[None]:
     except FAILURES as error:
         if uri.startswith("sqlite:"):
             path = database_path(uri)
-            check_whole(path)
+            _check_sound(path)
             _check_made(path)
-        reason = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
+        reason = public(first_line(error), uri)[:300]
         raise ProlearnError(
-            f"The tracking store {public_url(uri)} failed ({public(reason, uri)[:300]}); expected "
-            "one that can be read and written: check MLFLOW_TRACKING_URI, the server and the space "
-            "on the disk."
+            f"The tracking store {public_url(uri)} failed ({reason}); expected one that can be "
+            "read and written: check MLFLOW_TRACKING_URI, the server and the space on the disk."
         ) from error
 
 
@@ -182,7 +181,7 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
     if uri.startswith("sqlite:"):
         path, (_, mark, query) = database_path(uri), uri.partition("?")
         locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
-        with guarded(path, create=create):
+        with _guarded(path, create=create):
             _set_up(path)
             return _open(f"{sqlite_url(path)}{mark}{query}", locations, path if create else None)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
@@ -300,7 +299,7 @@ def database_path(uri: str) -> Path:
 
 
 @contextmanager
-def guarded(path: Path, *, create: bool) -> Iterator[None]:
+def _guarded(path: Path, *, create: bool) -> Iterator[None]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
     Migrations of a fresh file collide when several processes start them at once. Without ``create``
@@ -321,7 +320,7 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
             except OSError as error:
                 if create or error.errno not in (EACCES, EPERM, EROFS):
                     raise
-            check_database(path)
+            _check_database(path)
             yield
     except Timeout as error:
         raise ProlearnError(
@@ -330,7 +329,7 @@ def guarded(path: Path, *, create: bool) -> Iterator[None]:
         ) from error
 
 
-def check_database(path: Path) -> None:
+def _check_database(path: Path) -> None:
     """InputError for a file whose tables are not MLflow's; a missing or empty file is accepted."""
     try:
         tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
@@ -346,7 +345,7 @@ def check_database(path: Path) -> None:
         )
 
 
-def check_whole(path: Path) -> None:
+def _check_sound(path: Path) -> None:
     """Raise InputError for a database that is damaged; all is read, so this is for a failed one."""
     try:
         ((verdict,),) = _read(path, "PRAGMA quick_check(1)") or [("ok",)]
