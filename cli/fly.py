@@ -10,7 +10,7 @@ import typer
 from cli.app import FAILED, within_memory
 from cli.options import refuse, with_settings, workers_of
 from cli.output import echo, note, print_json, print_table
-from cli.plan_table import SIGNED, closest_cells, orbit_in_words
+from cli.plan_table import CLOSEST, SIGNED, closest_cells, orbit_in_words
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, FlownTrials, PlanFile, WorkerSettings, option
 from pipeline.errors import InputError, error_context
@@ -168,10 +168,7 @@ def _replanned_for(required: "Requirements") -> Iterator[str]:
         )
 
 
-HEADINGS = (
-    *("flown with", "off goal\nm", "\nmm/s", "added\nm", "share"),
-    *("closest\npair", "at\ns", "apart\nm"),
-)
+HEADINGS = ("flown with", "off goal\nm", "\nmm/s", "added\nm", "share", *CLOSEST)
 
 
 def print_flight(report: Mapping[str, Any]) -> None:
@@ -183,7 +180,10 @@ def print_flight(report: Mapping[str, Any]) -> None:
     print_table(HEADINGS, [_cells(row) for row in rows], marked=bad)
     if "clearance" in report:
         note(SIGNED)
-    note(f"Δv is {number(report['delta_v'])} m/s, as planned.", _verdict(report))
+    worst, off = report["goal_error_craft"], error(report["goal_error"])
+    ends = f"At worst, craft {worst} ends {off} m from its goal."
+    verdict = " ".join([*_drift(report), ends, *_corridor(report), _separation(report)])
+    note(f"Δv is {number(report['delta_v'])} m/s, as planned.", verdict)
 
 
 def _too_close(row: Mapping[str, Any], radius: float) -> bool:
@@ -208,12 +208,6 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
         MISSING if plan or row["share"] is None else f"{row['share']:z.0%}",
         *closest_cells(row),
     ]
-
-
-def _verdict(report: Mapping[str, Any]) -> str:
-    worst, off = report["goal_error_craft"], error(report["goal_error"])
-    said = f"At worst, craft {worst} ends {off} m from its goal."
-    return " ".join([*_drift(report), said, *_corridor(report), _separation(report)])
 
 
 def _drift(report: Mapping[str, Any]) -> Iterator[str]:

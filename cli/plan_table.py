@@ -12,16 +12,8 @@ from pipeline.files import STDIO
 
 Row = Mapping[str, Any]  # a plan's summary, its files, and the error of the linear model
 MOST_CRAFT = 12  # craft of a plan up to which the Δv of each is shown
-HEADINGS = (
-    "planner",
-    "fuel\nm/s²",
-    "Δv all\nm/s",
-    "gap",
-    "closest\npair",
-    "at\ns",
-    "apart\nm",
-    "time\nms",
-)
+CLOSEST = ("closest\npair", "at\ns", "apart\nm")  # headings of ``closest_cells``
+HEADINGS = ("planner", "fuel\nm/s²", "Δv all\nm/s", "gap", *CLOSEST, "time\nms")
 SIGNED = "apart with a sign: clearance beyond the required separation."
 
 
