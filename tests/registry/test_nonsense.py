@@ -173,6 +173,18 @@ def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_r
     assert (len(training), len(curves)) == (1, 0)
 
 
+@pytest.mark.usefixtures("sql")
+def test_an_evaluation_that_an_error_without_text_keeps_out_of_a_run_is_told_its_kind(
+    project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def failing(*_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr("registry.training._add_metrics", failing)
+    add_model_results(resolve("ff1/2"), {}, project / "files", dataset=("data", "d"))
+    assert "is not added to its training run (RuntimeError)." in caplog.text
+
+
 ADDS = """
 import os
 
