@@ -8,8 +8,7 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
-from pipeline.report import Results, build_report
-from pipeline.report.html import html_page
+from pipeline.report import Results, build_report, html_page
 
 COMMANDS = ("warmstart", "transfer-times", "flights")
 EXPERIMENTS = [f"prolearn {command}" for command in COMMANDS]
