@@ -17,8 +17,7 @@ from typing import Any, no_type_check
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain, tensor
-from pipeline.networks.refiner.arrays import constant, rows, where
-from pipeline.networks.refiner.compiled import njit
+from pipeline.networks.refiner.arrays import constant, njit, rows, where
 from pipeline.networks.refiner.shapes import EndStates, Gains, PerPlane, RelativeEnds, Vectors
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
@@ -77,10 +76,9 @@ def grid_of(problem: Problem, device: Any = None) -> Grid:
     return Grid(problem.nodes, drift, reach, free, ends)
 
 
-def in_units(states: EndStates, radius: Float[Any, "b"], problem: Problem) -> Float[Any, "N 6"]:
-    """States of all craft, swarm after swarm, scaled from m and m/s to r_col and r_col/Δt."""
-    scale = like(per_step(problem), states)
-    return (states * scale / radius[:, None, None]).reshape(-1, 6)
+def in_units(states: EndStates, radius: Float[Any, "b"], problem: Problem) -> Float[Array, "N 6"]:
+    """States of all craft, swarm after swarm, from m and m/s to r_col and r_col/Δt, as numpy's."""
+    return (plain(states) * per_step(problem) / plain(radius)[:, None, None]).reshape(-1, 6)
 
 
 def per_step(problem: Problem) -> Float[Array, "6"]:

@@ -195,9 +195,7 @@ def problem_data(
 ) -> ProblemData:
     """Planning problems from states in m and m/s, as tensors on a torch ``device`` if given."""
     grid, n = geometry.grid_of(problem), initial.shape[1]
-    begin, end = (
-        geometry.in_units(plain(ends), plain(radius), problem) for ends in (initial, goal)
-    )
+    begin, end = (geometry.in_units(ends, radius, problem) for ends in (initial, goal))
     own = programs.decoupled_optima(begin, end, grid, problem)
     met = geometry.encounters(grid.fly(begin, own.controls), n)
     grid = geometry.grid_of(problem, device)

@@ -154,7 +154,6 @@ def check(folder: Path, model: Model) -> ExportedCraft:
             f"onnxruntime's controls differ from the model's by {difference:.2g} of the largest; "
             f"expected at most {TOLERANCE:g}: no file was written."
         )
-    seconds = {name: float(np.median(times or [0.0])) for name, times in run.seconds.items()}
     ties = sum(found.tie for found in compared)
     if ties > MOST_TIES * len(compared):
         raise ProlearnError(
@@ -162,18 +161,16 @@ def check(folder: Path, model: Model) -> ExportedCraft:
             f"was compared; expected at most {MOST_TIES:.0%}: no file was written."
         )
     content = {name: file_of(folder, name).read_bytes() for name in on_board.STEPS}
-    kib = {name: len(graph) / 1024 for name, graph in content.items()}
-    digests = {name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()}
     return ExportedCraft(
         folder=folder,
-        kib=kib,
-        sha256=digests,
+        kib={name: len(graph) / 1024 for name, graph in content.items()},
+        sha256={name: hashlib.sha256(graph).hexdigest() for name, graph in content.items()},
         told=on_board.told_each_round(network.message),
         swarms=len(compared),
         ties=ties,
         encounters=run.encounters,
         difference=difference,
-        seconds=seconds,
+        seconds={name: float(np.median(times or [0.0])) for name, times in run.seconds.items()},
     )
 
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
-from pipeline.networks.refiner.arrays import constant, rows
-from pipeline.networks.refiner.compiled import njit
+from pipeline.networks.refiner.arrays import constant, njit, rows
 from pipeline.networks.refiner.geometry import Grid, per_step
 from pipeline.networks.refiner.shapes import Gains, PerSide
 from pipeline.networks.refiner.sides import Sides

@@ -6,8 +6,7 @@ from typing import Any, no_type_check
 import numpy as np
 
 from pipeline.arrays import Array, Float, Int, namespace, plain
-from pipeline.networks.refiner.arrays import self_adjoint
-from pipeline.networks.refiner.compiled import njit
+from pipeline.networks.refiner.arrays import njit, self_adjoint
 from pipeline.networks.refiner.shapes import Gains, PerSide
 
 

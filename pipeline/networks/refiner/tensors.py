@@ -402,10 +402,8 @@ def problem_data(
 ) -> model.ProblemData:
     """As ``model.problem_data``, all of which is on a device."""
     grid, n = geometry.grid_of(problem, device), initial.shape[1]
-    begin, end = (
-        tensor(geometry.in_units(plain(ends), plain(radius), problem), device)
-        for ends in (initial, goal)
-    )
+    ends = (geometry.in_units(states, radius, problem) for states in (initial, goal))
+    begin, end = (tensor(states, device) for states in ends)
     own = decoupled_optima(begin, end, grid, problem)
     met = encounters(grid.fly(begin, own.controls), n)
     return model.ProblemData(grid, n, begin, own, met, met.first // n)
