@@ -13,15 +13,7 @@ from pipeline.experiments import paper, verdicts
 from pipeline.experiments.averages import Average, aggregate_trainings, average
 from pipeline.experiments.verdicts import Finding
 from pipeline.figures import labels
-from pipeline.figures.labels import (
-    REFINERS,
-    architecture_of,
-    count,
-    in_order,
-    name_of,
-    number,
-    span,
-)
+from pipeline.figures.labels import REFINERS, architecture_of, count, in_order, name_of, number
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 
@@ -139,7 +131,7 @@ def findings(training: pd.DataFrame) -> list[Finding]:
             continue
         verdict, numbers = compared
         quoted = " against ".join(
-            span(paper.TRAININGS.loc[list(family), "paper_seconds"])
+            labels.span(paper.TRAININGS.loc[list(family), "paper_seconds"])
             for family in (labels.FEED_FORWARD, labels.RECURRENT)
         )
         how = f", {recipe} recipe" if recipe else ""
