@@ -194,10 +194,9 @@ def tables_against(
     tables = {}
     for name, avg in SHOWN.items():
         rows = summary[summary["reading"] != PREDICTED] if avg is SAFE else summary
-        frame, columns = pivot_average(rows, PLANNER_KEY, variable, avg, printed)
-        tables[name] = Table(
-            f"{experiment}-{name}", with_names(frame), [*PLANNER_COLUMNS, *columns]
-        )
+        frame, values = pivot_average(rows, PLANNER_KEY, variable, avg, printed)
+        columns = [*PLANNER_COLUMNS, *values]
+        tables[name] = Table(f"{experiment}-{name}", with_names(frame), columns)
     return tables
 
 

@@ -15,18 +15,9 @@ from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, Average, Panel
 from pipeline.experiments.records import FLOWN, PLAN, PREDICTED
 from pipeline.experiments.verdicts import Finding
+from pipeline.figures import labels
 from pipeline.figures.intervals import mean_interval
-from pipeline.figures.labels import (
-    EXPERTS,
-    FEED_FORWARD,
-    RECURRENT,
-    in_order,
-    is_network,
-    is_of_paper,
-    name_of,
-    number,
-    span,
-)
+from pipeline.figures.labels import is_network, name_of, number, span
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, in_style
 from pipeline.figures.tables import Picture, Section, Table
 
@@ -116,12 +107,10 @@ def sizes_figure(summary: pd.DataFrame, quantity: Quantity, styles: Mapping[str,
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True, steps=[1, 5, 10]))
     for ax, drawn in zip(axes.flat, chain.from_iterable(grid), strict=True):
         for n, quoted in quantity.paper.items():
-            shown = [p for p in in_order(quoted) if p in set(drawn.rows["planner"])]
+            shown = [p for p in labels.in_order(quoted) if p in set(drawn.rows["planner"])]
             for k, planner in enumerate(shown):
-                style = {
-                    "marker": styles[planner].marker,
-                    "markeredgecolor": styles[planner].colour,
-                }
+                its = styles[planner]
+                style = {"marker": its.marker, "markeredgecolor": its.colour}
                 at = n + DODGE * (k - (len(shown) - 1) / 2)
                 ax.plot(at, quoted[planner], markersize=4.8, zorder=4, **style, **HOLLOW)
     return figure
@@ -140,14 +129,14 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether feed-forward networks collide less than LSTMs, if both were trained by one recipe."""
     question = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
-    families, drawn = (FEED_FORWARD, RECURRENT), QUANTITIES["collisions"]
+    families, drawn = (labels.FEED_FORWARD, labels.RECURRENT), QUANTITIES["collisions"]
     return _compare_families(summary, question, "node collisions", drawn, families)
 
 
 def fuel_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether LSTMs burn less than feed-forward networks, in the largest swarm and at n = 10."""
     question = "Do LSTMs burn less fuel than feed-forward networks (n = {n}), as in the paper?"
-    families, sizes = (RECURRENT, FEED_FORWARD), (paper.NETWORK_SIZE,)
+    families, sizes = (labels.RECURRENT, labels.FEED_FORWARD), (paper.NETWORK_SIZE,)
     return _compare_families(summary, question, "fuel in m/s²", QUANTITIES["fuel"], families, sizes)
 
 
@@ -164,10 +153,9 @@ def _compare_families(
     One for the largest swarm, and one for each of some other sizes.
     """
     summary = averages.sizes_of_paper(summary)
-    networks = summary[summary["planner"].isin(FEED_FORWARD | RECURRENT)]
-    decoupled = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")[
-        quantity.average.source
-    ]
+    networks = summary[summary["planner"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
+    by_size = summary[summary["planner"] == verdicts.DECOUPLED].set_index("n")
+    decoupled = by_size[quantity.average.source]
     for recipe, reading in product(("paper", "tuned", ""), (PREDICTED, FLOWN)):
         rows = networks[(networks["recipe"] == recipe) & (networks["reading"] == reading)]
         how = f"{recipe} recipe, " if recipe else ""
@@ -198,8 +186,8 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
     """
     timed = averages.sizes_of_paper(trials).dropna(subset=["seconds"])
     flown = verdicts.flown_networks(timed)
-    networks = flown[flown["planner"].map(is_of_paper).astype(bool)]
-    experts = timed[timed["planner"].isin(EXPERTS)]
+    networks = flown[flown["planner"].map(labels.is_of_paper).astype(bool)]
+    experts = timed[timed["planner"].isin(labels.EXPERTS)]
     sizes = sorted(set(networks["n"]) & set(experts["n"]))
     if len(sizes) < 2:
         return []

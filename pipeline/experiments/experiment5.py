@@ -126,9 +126,8 @@ def within_table(summary: pd.DataFrame) -> Table:
     """Flights with a pair within r_col: a row for each condition, a column for each planner."""
     names = list(map(planner_label, summary["planner"], summary["recipe"]))
     rows, printed = summary.assign(label=names), {name: name for name in names}
-    frame, columns = averages.pivot_average(
-        rows, ["n", *CONDITION], "label", WITHIN_RADIUS, printed
-    )
+    key = ["n", *CONDITION]
+    frame, columns = averages.pivot_average(rows, key, "label", WITHIN_RADIUS, printed)
     return Table("experiment5-within", frame, [*CONDITIONS, *columns])
 
 
@@ -145,14 +144,12 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     ``AVERAGES``. Intervals are ``clustered_interval``'s: flights of one scenario are correlated.
     """
     group, plan = [*SWARM, *CONDITION, "planned"], [*SWARM, "training_seed", "trial"]
-    bound, unsafe = (flights[name].astype(float) for name in ("delta_v_bound", "unsafe_replans"))
-    rows = flights.assign(
-        recipe=flights["recipe"].fillna(""),
-        delta_v=flights["delta_v"].astype(float),
-        within_radius=flights["within_radius"].astype(float),
-        within_size=flights["within_size"].astype(float),
-        delta_v_ratio=flights["delta_v"].astype(float)
-        / bound.where(bound > averages.NEGLIGIBLE_FUEL),
+    columns = ("delta_v", "delta_v_bound", "within_radius", "within_size", "unsafe_replans")
+    rows = flights.astype(dict.fromkeys(columns, float))
+    bound, unsafe = rows["delta_v_bound"], rows["unsafe_replans"]
+    rows = rows.assign(
+        recipe=rows["recipe"].fillna(""),
+        delta_v_ratio=rows["delta_v"] / bound.where(bound > averages.NEGLIGIBLE_FUEL),
         no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
     )
     linear = rows[(rows["planned"] == LINEAR) & (rows["errors"] == NO_ERRORS)]
@@ -173,9 +170,8 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
 
 
 WIDTH = 0.62  # of all planners' markers at one tick; ticks are 1 apart
-BOTTOM = (
-    0.003  # lower end of the axis of errors at the goal, m: in the linear world they may be zero
-)
+# Lower end of the axis of errors at the goal, m: in the linear world they may be zero
+BOTTOM = 0.003
 
 
 @in_style
@@ -183,9 +179,8 @@ def flights_figure(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Figure
     """A column of panels for each n and world; markers by planner, hollow without errors."""
     exact = summary["errors"] == NO_ERRORS
     rows = summary.assign(at=summary["loop"].map(LOOPS.index), hollow=exact, ranged=~exact)
-    shown = {
-        f"n = {n}, {world}": some for (n, world), some in rows.groupby(["n", "world"], sort=False)
-    }
+    parts = rows.groupby(["n", "world"], sort=False)
+    shown = {f"n = {n}, {world}": some for (n, world), some in parts}
     drawn = {
         WITHIN_RADIUS.title: (WITHIN_RADIUS.source, LOW, HIGH),
         "off goal, median to 95 % (m)": (GOAL.source, GOAL.source, GOAL_HIGH.source),
@@ -378,9 +373,8 @@ SAID = dict(zip(LOOPS, ("in open loop", "with feedback", *LOOPS[2:]), strict=Tru
 
 def _shares(rows: pd.DataFrame) -> str:
     """In each loop, the share of flights in which a pair came within the collision radius."""
+    columns = rows[["loop", WITHIN_RADIUS.source, LOW, HIGH]].itertuples(index=False)
     return ", ".join(
         f"{share(value)} {labels.percents(low, high)} {SAID[loop]}"
-        for loop, value, low, high in rows[["loop", WITHIN_RADIUS.source, LOW, HIGH]].itertuples(
-            index=False
-        )
+        for loop, value, low, high in columns
     )

@@ -113,21 +113,17 @@ def scaling_figure(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Figure
 
 def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
     """Whether each group of networks is safe and cheap on the trials from ``larger_swarms``."""
-    decoupled = shown[shown["planner"] == DECOUPLED]
-    largest = decoupled[decoupled["n"] == decoupled["n"].max()]
-    baseline = (
-        ""
-        if decoupled.empty
-        else f"Decoupled optimum at n = {largest['n'].iloc[0]}: {performance(largest).text}"
-    )
-    found = []
+    found, baseline, decoupled = [], "", shown[shown["planner"] == DECOUPLED]
+    if not decoupled.empty:
+        largest = decoupled["n"].max()
+        text = performance(decoupled[decoupled["n"] == largest]).text
+        baseline = f"Decoupled optimum at n = {largest}: {text}"
     for group in verdicts.groups(shown["planner"]):
         rows = group.of(shown)
         if (name := verdicts.representative(rows, training)) is None:
             continue
-        at = {
-            f"n = {n}": performance(part) for n, part in verdicts.rows_of(rows, name).groupby("n")
-        }
+        sizes = verdicts.rows_of(rows, name).groupby("n")
+        at = {f"n = {n}": performance(part) for n, part in sizes}
         predicate = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
         question = group.question(predicate)
         each = "; ".join(f"at {size} {one.text}" for size, one in at.items())

@@ -308,9 +308,8 @@ def rows_of(rows: pd.DataFrame, name: Name) -> pd.DataFrame:
 
 def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
     """The trials of networks whose plans can be flown."""
-    return trials[
-        (trials["reading"] != PREDICTED) & trials["planner"].map(labels.is_network).astype(bool)
-    ]
+    of_network = trials["planner"].map(labels.is_network).astype(bool)
+    return trials[of_network & (trials["reading"] != PREDICTED)]
 
 
 def network_findings(

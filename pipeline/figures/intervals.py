@@ -39,10 +39,9 @@ def wilson(share: float, trials: int | float) -> Interval:
         return float("nan"), float("nan")
     more = NORMAL_QUANTILE**2 / trials
     middle = (share + more / 2) / (1 + more)
-    half = (
-        NORMAL_QUANTILE / (1 + more) * np.sqrt(share * (1 - share) / trials + more / (4 * trials))
-    )
-    return max(0.0, middle - float(half)), min(1.0, middle + float(half))
+    deviation = np.sqrt(share * (1 - share) / trials + more / (4 * trials))
+    half = float(NORMAL_QUANTILE / (1 + more) * deviation)
+    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:

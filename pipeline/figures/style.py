@@ -129,9 +129,7 @@ def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png"))
             figure.savefig(temporary, format=suffix[1:], metadata=facts[suffix])
 
 
-SPREAD = (
-    20.0  # ratio of the largest to the smallest positive value from which a scale is logarithmic
-)
+SPREAD = 20.0  # largest over smallest positive value from which a scale is logarithmic
 FINEST = 1e-3  # averages below this are shown on the linear part of a symmetric log scale
 CROWDED = 1.7  # decades from which only powers of ten are labelled
 NARROW = 0.5  # decades below which 1, 2 and 5 might label a log scale once only
