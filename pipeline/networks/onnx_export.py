@@ -115,8 +115,7 @@ def _difference(session: Any, model: Model, n: int, *, flown: bool) -> tuple[flo
 
 def _seconds(session: Any, model: Model, n: int) -> float:
     """Median time of one instance in s, after a few calls to warm up."""
-    ends = _ends(model, n, 1)
-    call = partial(session.run, None, ends)
+    call = partial(session.run, None, _ends(model, n, 1))
     return float(np.median(timeit.repeat(call, number=1, repeat=WARM_UP + REPEATS)[WARM_UP:]))
 
 

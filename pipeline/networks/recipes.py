@@ -9,9 +9,8 @@ from pipeline.errors import InputError, check_choice, check_range, check_whole
 
 MOST = 1_000_000  # largest count in a recipe, of instances, passes or draws
 
-CONSTANT, COSINE = "constant", "cosine"
-
-SCHEDULES = (CONSTANT, COSINE)  # of the learning rate: constant, or cosine annealing to 0
+# Schedules of the learning rate: constant, or cosine annealing to 0
+SCHEDULES = CONSTANT, COSINE = "constant", "cosine"
 
 
 @dataclass(frozen=True)

@@ -156,9 +156,7 @@ class Streamed:
 
     source: ExampleStream
     preparation: Preparation
-    passes: Iterator[int] = field(
-        default_factory=count
-    )  # numbers of an endless source's next parts
+    passes: Iterator[int] = field(default_factory=count)  # next parts of an endless source
 
     def __len__(self) -> int:
         return len(self.source)
