@@ -182,7 +182,7 @@ def _meeting(scenario: Scenario) -> str:
         return ""
     return (
         f"craft {i} and {j} must be {distance:.6g} m apart at {time:g} s, by their waypoints; "
-        f"{scenario.wanted(i, j)}"
+        f"{scenario.required_separation(i, j)}"
     )
 
 
@@ -201,5 +201,5 @@ def _too_close(scenario: Scenario) -> str:
     who = scenario.named(int(i[pair]), int(j[pair]))
     return (
         f"{who} are {distance:.6g} m apart at the {end}, whatever is planned; "
-        f"{scenario.wanted(int(i[pair]), int(j[pair]))}"
+        f"{scenario.required_separation(int(i[pair]), int(j[pair]))}"
     )

@@ -87,24 +87,24 @@ class ConflictDetection:
     back_off: BackOff | None = None  # required besides, because of errors
 
     def conflicts(
-        self, flown: Trajectory, within: float, moved: CraftMask | None = None, beside: float = 0.0
+        self, flown: Trajectory, within: float, moved: CraftMask | None = None, spread: float = 0.0
     ) -> tuple[Cuts, Values]:
         """Cuts where craft come within a distance, and lower bounds on how close they come.
 
         The trajectory meets both ends. The distance of interest is ``within`` and the back-off, m,
         and the lower bound that on the separation less the back-off. Only pairs with ``moved``
-        craft are examined. As closest approaches shift, cuts are also made ``beside`` each, a share
-        of the interval before and after it, but not where separation counts at nodes only.
+        craft are examined. As closest approaches shift, cuts are also made a ``spread`` before and
+        after each, a share of the interval, but not where separation counts at nodes only.
         """
         if moved is None:
             moved = np.ones(len(flown.states), dtype=bool)
         if self.back_off is None:
-            cuts, bound = self._in_flight(flown, within, moved, beside)
+            cuts, bound = self._in_flight(flown, within, moved, spread)
         else:
             errors = self.back_off.dispersion(flown.controls, self.problem)
             deviation = 2**0.5 * float(errors.deviation_bound(self.problem).max())
             most = within + self.back_off.sigmas * deviation
-            cuts, bound = self._in_flight(flown, most, moved, beside)
+            cuts, bound = self._in_flight(flown, most, moved, spread)
             bound = bound - self.back_off_of(cuts, flown)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
@@ -151,7 +151,7 @@ class ConflictDetection:
         return sigmas * deviation
 
     def _in_flight(
-        self, flown: Trajectory, within: float, moved: CraftMask, beside: float
+        self, flown: Trajectory, within: float, moved: CraftMask, spread: float
     ) -> tuple[Cuts, Values]:
         """Conflicts of craft that both fly their plans."""
         problem, states, swarms = self.problem, flown.states, self.swarms
@@ -170,7 +170,7 @@ class ConflictDetection:
         pairs = found.first, found.second, found.interval
         cuts, bound = Cuts(*pairs, found.state_map, found.control_map), found.bound
         h = problem.time_step
-        for way in (-beside, beside) if beside else ():
+        for way in (-spread, spread) if spread else ():
             cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
             bound = np.concatenate([bound, found.bound])
         return cuts_of_craft(cuts, cuts.first, cuts.second, swarms), bound

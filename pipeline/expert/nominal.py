@@ -150,7 +150,7 @@ def _search(task: SearchProblem, seeds: Seeds | None) -> list[SearchResult]:
         # Coplanar craft first avoid each other in their plane, where there may be no way past one
         # that drifts; passing on other sides leads out of it.
         found = _from_further_starts(
-            *(part, found, settings.again),
+            *(part, found, settings.passive_safety_starts),
             unsatisfactory=lambda _, result: not result.feasible,
             better=lambda _, best, other: other if other.feasible else best,
         )
@@ -214,7 +214,7 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
         other = scenario.obstacles[j - scenario.n].name
     return (
         f"craft {i}, adrift from {end}, comes {near} {other} at {found.time:.6g} s, whatever is "
-        f"planned; {scenario.wanted(i, j)}"
+        f"planned; {scenario.required_separation(i, j)}"
     )
 
 

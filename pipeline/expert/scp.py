@@ -143,7 +143,7 @@ class Search:
             self.reference,
             self.problem.collision_radius + min(self.problem.collision_radius, SEED_LOOK),
             given,
-            beside=self.settings.beside,
+            spread=self.settings.cut_spread,
         )
         controls = self.reference.controls
         too_strong = self._exceeding_limits(controls)
@@ -378,7 +378,7 @@ class Search:
     def _check(self, clusters: list[Cluster]) -> None:
         """Accept clusters whose new iterate has no conflicts, and add cuts to the others."""
         moved = self._moved(clusters)
-        within = self.settings.looked_at(self.problem.collision_radius)
+        within = self.settings.cut_distance(self.problem.collision_radius)
         found, bound = self.task.detection.conflicts(self.iterate, within, moved)
         broken = bound <= self.provable  # so that the certificate proves the rest safe
         unsafe = np.zeros(len(self.swarm), dtype=bool)

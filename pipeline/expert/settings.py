@@ -27,11 +27,11 @@ class Settings:
         look_ahead: pairs that pass within this of the collision radius are cut before they
             violate it, m; the larger, the fewer rounds of larger programs. In proportion less for
             a collision radius below 15 m.
-        beside: how long before and after each closest approach of a seed it is cut as well, as a
-            share of the interval; the plan that follows is closest at other times.
+        cut_spread: how long before and after each closest approach of a seed it is cut as well,
+            as a share of the interval; the plan that follows is closest at other times.
         max_rounds: rounds of programs that a search may take.
-        again: further searches, each begun by passing on other sides, of a scenario for which
-            passive safety is asked and no plan that has it was found.
+        passive_safety_starts: further searches, each begun by passing on other sides, of a
+            scenario for which passive safety is asked and no plan that has it was found.
         solver: the subproblem by the simplex method of HiGHS or by the interior points of Clarabel.
     """
 
@@ -41,9 +41,9 @@ class Settings:
     starts: int = 1
     margin: float = 0.05
     look_ahead: float = 0.5
-    beside: float = 0.0
+    cut_spread: float = 0.0
     max_rounds: int = 60
-    again: int = 8
+    passive_safety_starts: int = 8
     solver: Literal["simplex", "clarabel"] = "simplex"
 
     def margin_at(self, separation: Float[Array, "*pairs"]) -> Float[Array, "*pairs"]:
@@ -51,7 +51,7 @@ class Settings:
         share = np.maximum(self.margin * separation / REFERENCE, LEAST_MARGIN)
         return np.asarray(np.minimum(self.margin, share))
 
-    def looked_at(self, radius: float) -> float:
+    def cut_distance(self, radius: float) -> float:
         """Largest separation of pairs that get cuts, m, for a collision radius, m."""
         return radius + self.look_ahead * min(1.0, radius / REFERENCE)
 

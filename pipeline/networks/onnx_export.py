@@ -28,6 +28,7 @@ from pipeline.networks.supervised import Supervised
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, project_to_flyable
 from pipeline.scenario.scenario import MOST_CRAFT
+from pipeline.text import first_line
 
 SCHEMA = "prolearn.onnx/1"
 
@@ -239,9 +240,8 @@ def traced(
             )
     except Exception as error:  # torch raises many kinds, some of them private
         raise ProlearnError(
-            f"architecture {name!r} cannot be exported "
-            f"({str(error).strip().splitlines()[0]}); expected a forward pass that "
-            "torch.export.export can trace."
+            f"architecture {name!r} cannot be exported ({first_line(error)}); expected a forward "
+            "pass that torch.export.export can trace."
         ) from error
     assert made is not None, "the exporter that uses torch.export returns a program"
     return made

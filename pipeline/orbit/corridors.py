@@ -5,6 +5,7 @@ h is a cubic up to h⁴/384 max|p⁗|, and the largest value of a cubic is at an
 derivative: so every stretch has a proven bound, and nothing is sampled.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -85,13 +86,18 @@ class Cone:
                 f"expected a direction and an angle above 0 and up to {STEEPEST:g} deg."
             )
 
+    @property
+    def direction(self) -> Float[Array, "3"]:
+        """The unit vector along the axis."""
+        return np.array(self.axis) / math.hypot(*self.axis)
+
     def __str__(self) -> str:
         return f"the cone from {self.apex} m along {self.axis}, half-angle {self.half_angle_deg:g}°"
 
     @property
     def edges(self) -> Float[Array, "SIDES 3"]:
         """Unit vectors along the edges of the pyramid."""
-        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        axis = self.direction
         across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         across /= np.linalg.norm(across)
         turn, tilt = 2 * np.pi * np.arange(SIDES) / SIDES, np.deg2rad(self.half_angle_deg)
@@ -107,7 +113,7 @@ class Cone:
 
     def narrower(self, by: float) -> "Cone":
         """The cone moved along its axis so that its faces are a distance further in, m."""
-        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        axis = self.direction
         apex = np.array(self.apex) - by / (self.faces[0] @ axis).mean() * axis
         return Cone(tuple(apex.tolist()), self.axis, self.half_angle_deg)
 

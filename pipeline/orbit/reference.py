@@ -11,7 +11,7 @@ R_EARTH = 6378137.0  # equatorial radius of the Earth, m
 J2 = 1.0826266836e-3  # second zonal harmonic of the Earth, of EGM96: -√5 times its normalized C₂₀
 # Altitudes in m: below, drag ends an orbit within a revolution; above, the Sun's gravity prevails
 LOWEST, HIGHEST = 100e3, 1.5e9
-YEARS = (1960, 2200)  # of an epoch: from the first year of UTC on
+YEARS = (1960, 2200)  # between which epochs are; UTC began in 1960
 GEOSTATIONARY = 35_786e3  # altitude in m up to which a message guesses the unit
 
 

@@ -22,7 +22,7 @@ from pipeline.scenario import Scenario
 
 SAME = 1e-6  # relative difference up to which mean motions or time steps count as equal
 # The expert limited to one round of convex programs, linearized about the network's plan
-ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, beside=0.3, again=0)
+ONE_SOLVE = replace(FIRST_SAFE, max_rounds=1, margin=0.3, cut_spread=0.3, passive_safety_starts=0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,6 +90,9 @@ class Scenario:
         check_craft(self.craft, self.n, self.problem.thrust)
         check_waypoints(self.waypoints, self.n, self.problem)
         check_obstacles(self.obstacles, self.problem)
+        for one in self.obstacles:
+            state = np.array([one.state])
+            _check_reach(f"obstacle {one.name!r}", state, self.problem.mean_motion)
         check_corridors(self.corridors, self.n, self.problem)
         if self.unlike and self.n > MOST_UNLIKE:
             raise InputError(
@@ -157,7 +160,7 @@ class Scenario:
         other = str(j) if j < self.n else self.obstacles[j - self.n].name
         return f"craft {i} and {other}"
 
-    def wanted(self, i: int, j: int) -> str:
+    def required_separation(self, i: int, j: int) -> str:
         """The collision radius, or sizes, that two participants must keep apart by, in words."""
         if not self.sized:
             return f"collision_radius is {self.problem.collision_radius:g} m"
@@ -212,15 +215,20 @@ def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
             f"{end}[{bad.argmax()}] has a value that is not a finite number; expected "
             "six finite numbers x y z vx vy vz in m and m/s."
         )
+    _check_reach(end, states, mean_motion)
+    return states
+
+
+def _check_reach(name: str, states: Float[Array, "_ 6"], mean_motion: float) -> None:
+    """Refuse states far from the reference, for which the linear model has no meaning."""
     far, fast = np.abs(states).reshape(-1, 2, 3).max(axis=(0, 2)).tolist()
     furthest = min(FURTHEST, RELATIVE * radius_at(mean_motion))
     if far > furthest or fast > FASTEST:
         raise InputError(
-            f"{end} reaches {far:g} m and {fast:g} m/s; expected positions within "
+            f"{name} reaches {far:g} m and {fast:g} m/s; expected positions within "
             f"{furthest:g} m, {RELATIVE:.0%} of the reference orbit's radius, and "
             f"velocities within {FASTEST:g} m/s."
         )
-    return states
 
 
 def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:

@@ -82,7 +82,7 @@ def check(scenario: Scenario, *, allow_drift: bool = False) -> None:
         for case in close.cases:
             required = _required_separation(scenario)
             if scenario.sized:
-                required = f"their sizes: {scenario.wanted(*case.craft)}"
+                required = f"their sizes: {scenario.required_separation(*case.craft)}"
             raise InputError(
                 f"{case.text}; expected every pair further apart than {required}: {close.cure}."
             )

@@ -13,7 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from pipeline.errors import InputError, ProlearnError, missing_extra_hint
 from pipeline.files import make_folder
 from pipeline.networks.encoding import INTERIORS
-from pipeline.text import sqlite_url
+from pipeline.text import first_line, sqlite_url
 
 if TYPE_CHECKING:
     from optuna import Study, Trial
@@ -63,9 +63,9 @@ def open_study(path: Path, name: str) -> Iterator["Study"]:
             study = optuna.create_study(study_name=name, storage=storage, load_if_exists=True)
         yield study
     except (optuna.exceptions.OptunaError, SQLAlchemyError) as error:
-        reason = str(error.__cause__ or error).strip().splitlines()[0]
+        reason = first_line(error.__cause__ or error)[:300]
         raise ProlearnError(
-            f"The storage of trials {path} failed ({reason[:300]}); expected Optuna's SQLite file "
+            f"The storage of trials {path} failed ({reason}); expected Optuna's SQLite file "
             "on a disk with space: move it away, or name another with --storage."
         ) from error
 

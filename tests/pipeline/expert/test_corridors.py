@@ -129,6 +129,9 @@ def test_a_cone_is_a_pyramid_that_is_inside_of_it_and_nearly_as_wide():
     tilt = np.arccos((points - cone.apex) @ axis / np.linalg.norm(points - cone.apex, axis=1))
     assert (np.rad2deg(tilt[within]) <= 25.0).all()
     assert within[np.rad2deg(tilt) < 24.5].all()
+    for length in (1e300, 1e-300):
+        scaled = Cone(cone.apex, tuple(length * one for one in cone.axis), 25.0)
+        assert np.allclose(scaled.faces[0], normal, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["refiner", "minimum-energy"])

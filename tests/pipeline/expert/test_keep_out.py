@@ -321,6 +321,12 @@ def test_what_is_no_obstacle_is_refused_in_a_sentence(given, said):
         Obstacle(**{"name": "it", "state": (0.0,) * 6, **given})
 
 
+@pytest.mark.parametrize("state", [(1e300, *(0.0,) * 5), (*(0.0,) * 3, 1e300, 0.0, 0.0)])
+def test_an_obstacle_that_the_linear_model_knows_nothing_of_is_refused(state):
+    with pytest.raises(InputError, match=r"obstacle 'far' reaches .*e\+300 m.*expected positions"):
+        swarm(0, obstacles=(Obstacle("far", state, 1.0),))
+
+
 def test_obstacles_need_names_of_their_own_and_a_circle_to_be_held_about():
     with pytest.raises(InputError, match="no name or one that another has"):
         swarm(0, obstacles=(CHIEF, CHIEF))
