@@ -4,30 +4,21 @@ The least fuel for a change b of the final state, min ‖u‖₁ subject to R u 
 convex hull of R's columns and their negatives. The facet that the ray to b meets has the optimal
 basis at its corners: which thrusters burn, when and in which direction. The weights that combine
 them to b are the burns; and its normal y, with yᵀp = 1 at the corners and so |Rᵀy| ≤ 1, is the dual
-solution. R is the same for all craft of a problem: Qhull finds its facets once, and they are kept
-in the user's cache folder for the next process, since Qhull is part of SciPy, whose import takes as
-long as the rest of a `prolearn plan`. Decoupled motions, such as in-plane and cross-track, have
-hulls of their own, of few dimensions.
+solution. R is the same for all craft of a problem: Qhull finds its facets once. Decoupled motions,
+such as in-plane and cross-track, have hulls of their own, of few dimensions.
 """
 
-import os
-import sys
-from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from hashlib import sha256
 from itertools import product
-from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.errors import InputError, ProlearnError
-from pipeline.files import published
+from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Formation
+from pipeline.orbit.hulls import corners
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 
@@ -110,46 +101,6 @@ def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
         return tuple(_facets(*one, scale[one[0]]) for one in found)
     except (RuntimeError, ValueError):  # degenerate hull
         return None
-
-
-def corners(clouds: Sequence[Float[Array, "_ _"]]) -> list[Int[Array, "_ _"]]:
-    """Facets of the convex hull of each point cloud, as indices of their vertices.
-
-    QhullError, a RuntimeError, or ValueError where a hull is flat. A file that is missing, damaged
-    or of other points is rewritten where that is possible, and else ignored.
-    """
-    if cold := "scipy.spatial" not in sys.modules:
-        with suppress(OSError, EOFError, KeyError, ValueError, BadZipFile, RuntimeError):
-            return _cached(clouds)
-    from scipy.spatial import ConvexHull
-
-    found = [ConvexHull(points).simplices for points in clouds]
-    if cold:
-        with (
-            suppress(OSError, InputError, RuntimeError),
-            published(_cache_file(clouds)) as temporary,
-            temporary.open("wb") as file,
-        ):
-            np.savez(file, *clouds, *found)
-    return found
-
-
-def _cache_file(clouds: Sequence[Float[Array, "_ _"]]) -> Path:
-    """Path of one of 256 cache files, which bounds their number; RuntimeError without a home."""
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    digest = sha256(b"".join(points.tobytes() for points in clouds)).hexdigest()
-    return folder / "prolearn" / f"hulls-{digest[:2]}.npz"
-
-
-def _cached(clouds: Sequence[Float[Array, "_ _"]]) -> list[Int[Array, "_ _"]]:
-    """The facets cached for these points; ValueError where the file is of other points."""
-    with np.load(_cache_file(clouds)) as file:  # which never unpickles
-        points, found = (
-            [file[f"arr_{k + first}"] for k in range(len(clouds))] for first in (0, len(clouds))
-        )
-    if not all(map(np.array_equal, points, clouds)):
-        raise ValueError("these are other points")
-    return found
 
 
 def acceleration_scale(problem: Problem) -> Float[Array, "6"]:

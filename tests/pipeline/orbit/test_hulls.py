@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from pipeline.orbit.decoupled import corners
+from pipeline.orbit.hulls import corners
 
 CLOUDS = [np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)]
 CODE = """
 import os, sys
 import numpy as np
-from pipeline.orbit.decoupled import corners
+from pipeline.orbit.hulls import corners
 
 clouds = [np.random.default_rng(k).normal(size=(20, k)) for k in (2, 4)]
 for line in sys.stdin:
