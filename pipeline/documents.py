@@ -35,7 +35,7 @@ def parse_json(content: bytes) -> Any:
 
 
 def validated(kind: Any, fields: Any) -> Any:
-    """Validate fields as a dataclass or a type, by pydantic; ValidationError if they do not fit."""
+    """Validate values against a type or dataclass with pydantic; ValidationError if invalid."""
     return _validator(kind).validate_python(fields)
 
 

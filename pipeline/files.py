@@ -44,10 +44,10 @@ def unfinished(path: Path) -> Path | None:
     return path.with_name(found[1]) if found else None
 
 
-def refuse_stdout(folder: Path) -> None:
-    """Raise InputError for standard output, which as a folder is one named by a hyphen."""
-    if folder.parts[:1] == STDIO.parts:
-        raise InputError(f"'{STDIO}' is standard output; expected the name of a folder.")
+def refuse_stdio(path: Path) -> None:
+    """Raise InputError for standard input or output, which as a path is named by a hyphen."""
+    if path.parts[:1] == STDIO.parts:
+        raise InputError("'-' is standard input or output; expected the name of a file or folder.")
 
 
 def make_folder(folder: Path) -> None:
@@ -56,7 +56,7 @@ def make_folder(folder: Path) -> None:
     InputError where one of them is a file, for a URL, and for standard output.
     """
     refuse_url(folder)
-    refuse_stdout(folder)
+    refuse_stdio(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -102,7 +102,7 @@ def refuse_undecodable(path: Path) -> None:
 def refuse_unwritable(path: Path) -> None:
     """Raise the error, InputError or OSError, that writing a file would, and leave no file."""
     target = _resolved(path)
-    refuse_stdout(target.parent)
+    refuse_stdio(target.parent)
     folder = lowest_existing(target.parent)
     if not folder.is_dir():
         raise InputError(f"{folder} is a file; expected a folder.")

@@ -108,7 +108,7 @@ def networks(
 
 
 def classical_planners() -> list[EvaluatedPlanner]:
-    """The expert in both separation settings, and the baselines."""
+    """The expert, with separation at all times and at nodes only, and the baselines."""
     at_nodes = Expert(name="expert (nodes only)", requirements=Requirements("nodes"))
     return [EvaluatedPlanner(planner) for planner in (Expert(), at_nodes, *BASELINES)]
 

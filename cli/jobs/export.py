@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.files import refuse_unwritable, write_text
+from pipeline.files import refuse_stdio, refuse_unwritable, write_text
 from pipeline.markup import Markdown, code, formatted, table, template
 from pipeline.networks.model import Model
 from pipeline.networks.model import load as load_network
@@ -74,6 +74,7 @@ def export(
     if supervised is None and path.suffix == ".onnx":
         path = path.with_suffix("")
     card = path.with_name(path.name + ".md")
+    refuse_stdio(path)
     refuse_unwritable(card)  # before tracing, which takes up to a minute
     made: Exported | ExportedCraft
     if supervised is None:

@@ -1,7 +1,7 @@
-"""Clusters: connected components of the conflict graph, and what makes large ones fast.
+"""Clusters: connected components of the conflict graph; subproblems and bases of large ones.
 
-In a subproblem only craft near unsafe ones move, with the controls of all others fixed; programs of
-whole clusters start from the simplex basis of the round before.
+In a subproblem only craft near unsafe ones move; the controls of all others are fixed. The program
+of a whole cluster starts from the simplex basis of the round before.
 """
 
 from itertools import pairwise
@@ -110,9 +110,10 @@ def with_others_fixed(
 
 
 class Bases:
-    """Basis of the last program of each large cluster; at first that of decoupled optima.
+    """Simplex bases of large clusters, each that of the cluster's last program.
 
-    Clusters only merge, and bases of two clusters together are a basis of the merged program.
+    At first they are those of decoupled optima. Clusters only merge, and bases of two clusters
+    together are a basis of the merged program.
     """
 
     def __init__(self, decoupled: Int[Array, "n 6"] | None, m: int) -> None:

@@ -78,9 +78,10 @@ class Masses:
     def of(
         cls, n: int, mass: PerCraft | None, specific_impulse: PerCraft | None = None
     ) -> "Masses | None":
-        """Masses of n craft by one number (kg, s) for all or one for each, or None without a mass.
+        """Masses, kg, and specific impulses, s, of n craft; None where no mass is given.
 
-        InputError for other counts, numbers that are not positive, or no mass.
+        Each is one number for all craft, or one for each. InputError for other counts, numbers
+        that are not positive, or specific impulses without masses.
         """
         if mass is None and specific_impulse is not None:
             raise InputError("specific_impulse is given without mass; expected both.")

@@ -297,7 +297,7 @@ def _candidates(
     swarms: SwarmPartition,
     moved: CraftMask | None,
 ) -> tuple[Indices, Indices, Indices]:
-    """First craft, second craft and interval of all balls within a distance of each other."""
+    """Pairs and intervals in which craft may come near: first craft, second craft, interval."""
     dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
     compared = _compared_pairs(swarms, moved)
     if compared is None:

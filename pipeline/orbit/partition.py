@@ -1,4 +1,4 @@
-"""Craft of several swarms, one after the other: which belong together, and their pairs."""
+"""Partition of stacked craft into independent swarms, and the pairs within each swarm."""
 
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise, starmap
@@ -59,11 +59,11 @@ class SwarmPartition:
     def all_states(
         self, states: States, nodes: slice = slice(None)
     ) -> Float[Array, "participants T 6"]:
-        """Node states of all participants, craft and obstacles; here of craft alone."""
+        """Node states of all participants: the craft, to which ``Participants`` adds obstacles."""
         return states
 
     def all_controls(self, controls: Controls) -> Float[Array, "participants intervals 3"]:
-        """Controls of all participants, craft and obstacles; here of craft alone."""
+        """Controls of all participants: the craft, to which ``Participants`` adds obstacles."""
         return controls
 
     def participant_mask(self, moved: CraftMask) -> Bool[Array, "participants"]:
@@ -111,7 +111,7 @@ class SwarmPartition:
 
 @lru_cache(maxsize=64)
 def swarm_partition(sizes: tuple[int, ...]) -> SwarmPartition:
-    """The partition for swarms of some sizes, cached so that pairs are listed once."""
+    """The partition of craft into swarms of given sizes, cached."""
     return SwarmPartition(sizes)
 
 

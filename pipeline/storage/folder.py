@@ -12,7 +12,7 @@ import pyarrow as pa
 from pyarrow import fs
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.files import path_of, published, refuse_undecodable, unfinished
+from pipeline.files import path_of, published, refuse_stdio, refuse_undecodable, unfinished
 from pipeline.text import first_line, public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
@@ -162,6 +162,7 @@ def open_folder(where: Where | Folder) -> Folder:
         files, root = _filesystem(url)
         return Folder(url, fs.SubTreeFileSystem(root, files))
     path = path_of(where)
+    refuse_stdio(path)
     refuse_undecodable(path)
     # Arrow takes a:b, without a slash before the colon, for a URI and aborts the process.
     base = str(path) if path.is_absolute() else f"./{path}"

@@ -332,8 +332,7 @@ def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
         ) from error
     except (OSError, NotImplementedError) as error:
         raise ProlearnError(
-            f"{folder} cannot be written to ({getattr(error, 'strerror', None) or error}); give a "
-            "folder that can."
+            f"{folder} cannot be written to ({folder.reason(error)}); give a folder that can."
         ) from error
 
 

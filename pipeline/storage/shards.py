@@ -122,7 +122,7 @@ def table_bytes(table: "pd.DataFrame") -> bytes:
 
 
 def table_from(content: bytes) -> "pd.DataFrame":
-    """The table in an untrusted Parquet file; InputError if damaged, too large or no table."""
+    """Read a table from an untrusted Parquet file; InputError if damaged, too large or none."""
     try:
         _check_size(content)
     except (OSError, pa.ArrowException) as error:
@@ -187,7 +187,7 @@ def _refuse_contradiction(file: pq.ParquetFile) -> None:
 
 
 def _check_size(content: bytes) -> None:
-    """Refuse a table that is small as a file and too large in memory."""
+    """Refuse a Parquet file whose table would take too much memory."""
     with pq.ParquetFile(pa.BufferReader(content)) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
         if rows > MOST_CELLS:
