@@ -20,7 +20,7 @@ from pipeline.plan.judge import check_states
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.text import visible
 
-LONGEST = 100  # characters of a comment on one line; messages have at most 254 on any
+LONGEST = 100  # characters of a comment's line, and of a plan's name; any line has at most 254
 ORIGINATOR = "ORIGINATOR = PROLEARN"  # the line by which files of ours are known
 
 FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 find them
@@ -76,7 +76,7 @@ def header(version: str, plan: Plan, craft: int) -> Iterator[str]:
 
 def metadata(plan: Plan, craft: int, name: str) -> Iterator[str]:
     """The metadata of a craft: object, frame and time system."""
-    label = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
+    label = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)[:LONGEST]
     whole = f"{label}-{craft_name(craft, plan.scenario.n)}"
     yield f"OBJECT_NAME = {whole}"
     yield f"OBJECT_ID = {whole}"

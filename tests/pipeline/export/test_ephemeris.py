@@ -166,6 +166,15 @@ def test_a_craft_at_the_origin_flies_the_two_body_orbit(tmp_path):
     assert end.vector == pytest.approx(flown, abs=1e-6)  # km
 
 
+def test_however_long_the_plans_name_no_line_is_longer_than_ccsds_allows(tmp_path):
+    scenario = replace(draw("rings", 0, 2, 3, PROBLEMS["the reference problem"]), reference=WHERE)
+    files = write_ephemerides(solve(scenario), tmp_path, "x" * 255)
+    assert max(len(line) for file in files for line in file.read_text().splitlines()) <= 254
+    segments = [next(iter(OrbitEphemerisMessage.open(file).segments)) for file in files]
+    first, second = (segment.metadata["OBJECT_NAME"] for segment in segments)
+    assert (first.endswith("-craft-0"), second.endswith("-craft-1")) == (True, True)
+
+
 def test_what_cannot_be_handed_over_is_refused(tmp_path):
     scenario = draw("rings", 0, 2, 0, Problem())
     plan = solve(scenario)
