@@ -18,7 +18,7 @@ import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
-from benchmarks.tables import Row, quartiles, show, write_json
+from benchmarks.tables import TableRow, quartiles, show, write_json
 from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.orbit.problem import Problem
 from pipeline.plan import SOLVED
@@ -58,7 +58,7 @@ def _drawn(
     return [draw(family, SEED, n, index, problem or Problem()) for index in range(count)]
 
 
-def _grids() -> list[Row]:
+def _grids() -> list[TableRow]:
     reference = Problem()
     period = 2 * np.pi / reference.mean_motion
     grids: list[tuple[Problem, float | str]] = [
@@ -71,10 +71,10 @@ def _grids() -> list[Row]:
     ]
 
 
-def _batch(n: int, count: int) -> Row:
+def _batch(n: int, count: int) -> TableRow:
     scenarios = _drawn(n, count)
     solve_many(scenarios)
-    row: Row = {"n": n, "instances": count}
+    row: TableRow = {"n": n, "instances": count}
     for name, settings in (("", DEFAULT), ("first_safe_", FIRST_SAFE)):
         alone = sum(_time(partial(solve, settings=settings), one) for one in scenarios)
         together = _time(partial(solve_many, settings=settings), scenarios)
@@ -82,10 +82,10 @@ def _batch(n: int, count: int) -> Row:
     return row
 
 
-def _crowd(n: int, count: int) -> list[Row]:
+def _crowd(n: int, count: int) -> list[TableRow]:
     scenarios = _drawn(n, count, "dense")
     size = np.mean([np.abs(s.initial[:, :3]).max() for s in scenarios])
-    head: Row = {"n": n, "half_extent_m": float(size)}
+    head: TableRow = {"n": n, "half_extent_m": float(size)}
     efforts = {"default": DEFAULT, "best": BEST}
     if n <= SEARCHED:
         efforts[f"{MANY_STARTS} starts"] = replace(BEST, starts=MANY_STARTS)
@@ -95,7 +95,9 @@ def _crowd(n: int, count: int) -> list[Row]:
     ]
 
 
-def _measured(scenarios: Sequence[Scenario], head: Row, settings: Settings = DEFAULT) -> Row:
+def _measured(
+    scenarios: Sequence[Scenario], head: TableRow, settings: Settings = DEFAULT
+) -> TableRow:
     """Time and quality of the expert on some instances, and the most memory so far."""
     solve(scenarios[0])
     count, work = len(scenarios), partial(solve, settings=settings)

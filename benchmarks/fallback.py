@@ -21,7 +21,7 @@ import typer
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from benchmarks.tables import Row, quality, quartiles, show, write_json
+from benchmarks.tables import TableRow, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.refiner.model import TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
@@ -71,7 +71,7 @@ def rule(rounds: int, requirements: Requirements = AT_ALL_TIMES) -> NetworkPlann
     return NetworkPlanner(TrainedRefiner(None, rounds, Problem(), ""), "rule", requirements)
 
 
-def _compared(flown: NetworkPlanner, family: str, n: int, count: int) -> list[Row]:
+def _compared(flown: NetworkPlanner, family: str, n: int, count: int) -> list[TableRow]:
     scenarios = [draw(family, 0, n, k, Problem(), "test") for k in range(count)]
     own = next(baseline for baseline in BASELINES if baseline.name == "decoupled optimum")
     planners: dict[str, Plans] = {
@@ -125,7 +125,7 @@ def _answer(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:
     return []
 
 
-def _speed(seconds: np.ndarray) -> Row:
+def _speed(seconds: np.ndarray) -> TableRow:
     median = float(np.median(seconds))
     return {"ms": 1e3 * median, "quartiles_ms": quartiles(1e3 * seconds), "a_second": 1 / median}
 
@@ -136,7 +136,7 @@ def _over(plans: Sequence[Plan], others: Sequence[Plan]) -> str:
     return f"{np.mean([one.fuel / other.fuel for one, other in safe] or [np.nan]):.4f}"
 
 
-def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
+def _grid(flown: NetworkPlanner, problem: Problem) -> TableRow:
     scenarios = [draw("rings", 0, 10, k, problem, "valid") for k in range(100)]
     plans, expert = flown.plan(scenarios), solve_many(scenarios, settings=Settings())
     return {
@@ -147,7 +147,7 @@ def _grid(flown: NetworkPlanner, problem: Problem) -> Row:
     }
 
 
-def _orbit(flown: NetworkPlanner, family: str, n: int, count: int, e: float) -> Row:
+def _orbit(flown: NetworkPlanner, family: str, n: int, count: int, e: float) -> TableRow:
     """Test scenarios about orbits with their circle's radius at perigee, from anywhere on them."""
     size, rng, scenarios = radius_at(Problem().mean_motion) / (1 - e), np.random.default_rng(0), []
     for k in range(count):

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from benchmarks.tables import Page, limited_process, update_page, use_one_core
+from benchmarks.tables import PageOption, limited_process, update_page, use_one_core
 from pipeline.expert import solve, solvers
 from pipeline.expert.conic_decoupled import minimum_fuel_by_cones
 from pipeline.orbit.problem import Problem
@@ -86,7 +86,7 @@ def row(n: int, count: int, patience: float) -> Mapping[str, object]:
 
 
 def main(
-    page: Page = None,
+    page: PageOption = None,
     most: Annotated[int, typer.Option(help="Craft of the largest swarm.")] = max(SIZES),
     patience: Annotated[float, typer.Option(min=1, help="CPU time of a size, s.")] = PATIENCE,
 ) -> None:

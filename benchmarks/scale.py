@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.tables import Row, show, write_json
+from benchmarks.tables import TableRow, show, write_json
 from pipeline.dataset.examples import ExampleStream
 from pipeline.dataset.reading import solved_examples
 from pipeline.storage.folder import open_folder
@@ -74,7 +74,7 @@ def read_shuffled(data: str, seed: int, memory: float) -> None:
     print(len(source), "examples", kind)
 
 
-def _row(stage: str, command: list[str], folder: Path, rows: int) -> Row:
+def _row(stage: str, command: list[str], folder: Path, rows: int) -> TableRow:
     started = monotonic()
     environment = os.environ | {"MLFLOW_TRACKING_URI": f"sqlite:///{folder}/mlflow.db"}
     process = subprocess.Popen([sys.executable, "-c", *command], env=environment)

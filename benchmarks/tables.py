@@ -20,8 +20,8 @@ from pipeline.arrays import Array
 from pipeline.files import write_text
 from pipeline.plan import SOLVED, Plan
 
-Row = dict[str, float | int | str]  # a line of a table, by column
-Page = Annotated[
+TableRow = dict[str, float | int | str]  # a line of a table, by column
+PageOption = Annotated[
     Path | None,
     typer.Option(exists=True, dir_okay=False, help="Page whose tables are made anew."),
 ]
@@ -44,7 +44,7 @@ def write_json(path: Path, result: Any) -> None:
     write_text(path, json.dumps(result, indent=1) + "\n")
 
 
-def quality(plans: Sequence[Plan]) -> Row:
+def quality(plans: Sequence[Plan]) -> TableRow:
     """Columns of a table: unsafe plans, collisions, and fuel over the bound."""
     certificates = [plan.certificate for plan in plans]
     ratio = [c.fuel / c.fuel_lower_bound for c in certificates]

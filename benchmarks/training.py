@@ -18,7 +18,7 @@ import typer
 from torch import Tensor
 from torch.utils.data import DataLoader, TensorDataset
 
-from benchmarks.tables import Row, quartiles, show, write_json
+from benchmarks.tables import TableRow, quartiles, show, write_json
 from pipeline.dataset.examples import Examples
 from pipeline.expert import decoupled_optima
 from pipeline.networks.architecture import find, recipe_for
@@ -28,7 +28,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
 from pipeline.training.data import Preparation, Prepared
-from pipeline.training.loop import Descent, Objective, pass_over
+from pipeline.training.loop import Descent, TrainingObjective, pass_over
 
 SEED = 2022
 N = 10
@@ -53,7 +53,7 @@ def main(
     """Run all and print a table."""
     torch.set_num_threads(1)
     many, few = _examples(instances), _examples(recurrent)
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for arch, rounds in ROUNDS.items():
         rows += _rows(arch, few if arch.startswith("lstm") else many, rounds)
     show("One training epoch: its time, and over that of its steps alone and of ours", rows)
@@ -70,7 +70,7 @@ def _examples(count: int) -> Examples:
     return Examples(problem, initial, goal, fly(initial, controls, problem))
 
 
-def _rows(arch: str, examples: Examples, rounds: int) -> list[Row]:
+def _rows(arch: str, examples: Examples, rounds: int) -> list[TableRow]:
     recipe = recipe_for(arch, "tuned")
     seconds = _in_turn(_ways(arch, recipe, examples), rounds)
     return [
@@ -96,10 +96,10 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, RunEpoc
     data, size = Preparation(architecture, encoding, CPU).of(examples), recipe.batch_size
     order = torch.Generator().manual_seed(SEED)
 
-    def fresh() -> tuple[Objective, Descent]:
+    def fresh() -> tuple[TrainingObjective, Descent]:
         network = architecture.network(architecture.config, encoding, recipe.dropout)
         descent = Descent(network, recipe, steps=1)
-        return Objective(architecture, network, encoding, recipe), descent
+        return TrainingObjective(architecture, network, encoding, recipe), descent
 
     def plain(batches: TorchBatches) -> RunEpoch:
         objective, descent = fresh()
@@ -117,7 +117,7 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, RunEpoc
 
 
 def _plain_epoch(
-    objective: Objective, optimizer: torch.optim.Optimizer, batches: TorchBatches
+    objective: TrainingObjective, optimizer: torch.optim.Optimizer, batches: TorchBatches
 ) -> float:
     objective.network.train()
     total = 0.0

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.basilisk import reconfiguration
 from benchmarks.peers import by_dccp, by_openscvx, by_plain_scp, by_repair
 from benchmarks.rendezvous import CHIEF, STEP, optima
-from benchmarks.tables import Page, limited_process, update_page, use_one_core
+from benchmarks.tables import PageOption, limited_process, update_page, use_one_core
 from cli.output import echo
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import solve
@@ -56,12 +56,12 @@ SWARMS = (("rings", 10, 10), ("dense", 10, 10), ("rings", 30, 10))  # family, n,
 PATIENCE = 300.0  # CPU time that a foreign planner has for a swarm's scenarios, s
 PARTS = 10  # of an arc, at whose ends obstacles and corridors are checked
 
-Planner = Callable[[Scenario], Controls]
+PlanFunction = Callable[[Scenario], Controls]
 Norm = Literal["components", "norm"]
 
 
 @dataclass(frozen=True)
-class Case:
+class BenchmarkCase:
     """A transfer of one craft, in legs, with a published or computed Δv."""
 
     name: str
@@ -77,14 +77,14 @@ class Peer:
     """A planner of swarms, and how it works."""
 
     name: str
-    plan: Planner
+    plan: PlanFunction
     what: str
     foreign: bool = False  # plans in a process of its own, whose time is limited
     compiles: bool = False  # before some plans: not timed, but counted against that limit
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judgement:
     """What the judge finds of a plan."""
 
     arrives: bool
@@ -109,7 +109,7 @@ def damico(in_plane: float, across: float, thrust: Norm) -> float:
     return float(np.linalg.norm(parts, 1 if thrust == "components" else 2))
 
 
-def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Case]:
+def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[BenchmarkCase]:
     """The cases of a change (in plane, across), m, one in either norm."""
     whys: dict[Norm, str] = {
         "components": "Arcs again; and states that have the elements exactly differ from the "
@@ -117,7 +117,9 @@ def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Case]:
         "norm": "The same, but what is burned at once in and across the plane is one burn.",
     }
     return [
-        Case(name, (file,), thrust, partial(damico, *change, thrust), "D'Amico's lower bound", why)
+        BenchmarkCase(
+            name, (file,), thrust, partial(damico, *change, thrust), "D'Amico's lower bound", why
+        )
         for thrust, why in whys.items()
     ]
 
@@ -130,7 +132,7 @@ def rendezvous() -> float:
 
 ARCS = "Ours are arcs of constant acceleration, theirs impulses, which arcs come near from above"
 CASES = (
-    Case(
+    BenchmarkCase(
         "SIMBOL-X",
         ("simbol-x",),
         "components",
@@ -138,7 +140,7 @@ CASES = (
         "Arzelier and others 2011",
         f"{ARCS}: 1,200 of them cost 0.09 % more here.",
     ),
-    Case(
+    BenchmarkCase(
         "SIMBOL-X",
         ("simbol-x",),
         "norm",
@@ -148,7 +150,7 @@ CASES = (
     ),
     *tandem_x("TanDEM-X-like, δi", "tandem-x-plane", (0.0, 100.0)),
     *tandem_x("TanDEM-X-like, δe and δi", "tandem-x-both", (200.0, 200.0)),
-    Case(
+    BenchmarkCase(
         "Basilisk's reconfiguration",
         ("basilisk-reconfiguration",),
         "norm",
@@ -157,7 +159,7 @@ CASES = (
         "Three burns by a closed form, one for each pair of elements, against the least for the "
         "same two states and time.",
     ),
-    Case(
+    BenchmarkCase(
         "Rendezvous with the ISS",
         ("station-approach", "station-docking"),
         "norm",
@@ -222,7 +224,7 @@ def clearance(scenario: Scenario, states: np.ndarray) -> float:
     return min([np.inf, *apart, *within])
 
 
-def judged(scenario: Scenario, controls: Controls) -> Verdict:
+def judged(scenario: Scenario, controls: Controls) -> Judgement:
     """The judge's verdict on controls; distances in swarms only about circular orbits."""
     states = flown(scenario, controls)
     miss = np.abs(states[:, -1] - scenario.goal)
@@ -232,7 +234,7 @@ def judged(scenario: Scenario, controls: Controls) -> Verdict:
         found = closest_approaches(Circle.of(document_of(scenario)), states, controls)
         pairs = states[found.first] - states[found.second]
         nodes, always = np.linalg.norm(pairs[..., :3], axis=2).min(), found.low.min()
-    return Verdict(arrives, float(np.abs(controls).sum()), float(nodes), float(always))
+    return Judgement(arrives, float(np.abs(controls).sum()), float(nodes), float(always))
 
 
 def cost(scenario: Scenario) -> float:
@@ -246,7 +248,7 @@ def cost(scenario: Scenario) -> float:
     return problem.time_step * float(np.linalg.norm(controls, order, axis=2).sum())
 
 
-def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
+def case_row(case: BenchmarkCase, intervals: int | None = None) -> dict[str, object]:
     """A row with our Δv of a case beside theirs; ``intervals`` replaces the number of arcs."""
     ours, theirs = 0.0, case.theirs()
     for file in case.files:
@@ -269,11 +271,11 @@ def case_row(case: Case, intervals: int | None = None) -> dict[str, object]:
     }
 
 
-class Planning:
+class PeerPlanning:
     """A peer planning a swarm's scenarios; a foreign one does so in a process with a time limit."""
 
     def __init__(self, peer: Peer, patience: float) -> None:
-        self.peer, self.made = peer, list[tuple[Verdict, float]]()
+        self.peer, self.made = peer, list[tuple[Judgement, float]]()
         self.over: float | None = None  # CPU time after which the process ended, s
         self._pool = limited_process(patience) if peer.foreign else None
 
@@ -292,7 +294,7 @@ class Planning:
                 after = resource.getrusage(resource.RUSAGE_CHILDREN)
                 self.over = sum(after[:2]) - sum(before[:2])
                 return
-        none = Verdict(False, np.nan, 0.0, 0.0)
+        none = Judgement(False, np.nan, 0.0, 0.0)
         self.made.append((none if controls is None else judged(scenario, controls), seconds))
 
 
@@ -319,7 +321,7 @@ def swarm_rows(
     bounds = [
         least_fuel(Circle.of(document_of(s)), s.initial, s.goal).attained.sum() for s in scenarios
     ]
-    planning = [Planning(peer, patience) for peer in peers]
+    planning = [PeerPlanning(peer, patience) for peer in peers]
     solve(scenarios[0])  # what numba compiles is not counted
     for scenario in scenarios:
         for one in list(planning):
@@ -336,7 +338,7 @@ def swarm_rows(
     ]
 
 
-def _figures(one: Planning, ours: Planning, least: np.ndarray) -> dict[str, object]:
+def _figures(one: PeerPlanning, ours: PeerPlanning, least: np.ndarray) -> dict[str, object]:
     """Columns of a row, on the scenarios planned before the process ended, beside ours on these."""
     few = len(one.made)
     safe = [verdict.safe(Problem().collision_radius) for verdict, _ in one.made]
@@ -375,7 +377,7 @@ def _versions() -> str:
 
 
 def main(
-    page: Page = None,
+    page: PageOption = None,
     patience: Annotated[
         float,
         typer.Option(min=1, help="CPU time of a foreign planner for a swarm, s."),

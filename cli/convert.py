@@ -12,12 +12,14 @@ from cli.settings import PlanFile, option
 from pipeline.errors import InputError, error_context
 from pipeline.files import STDIO, stem_of
 
-Format = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
+FormatName = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
 
 
 def convert(
     plan: PlanFile,
-    to: Annotated[Format, option("oem, opm, csv, parquet, burns or basilisk.", metavar="FORMAT")],
+    to: Annotated[
+        FormatName, option("oem, opm, csv, parquet, burns or basilisk.", metavar="FORMAT")
+    ],
     out: Annotated[
         Path | None, option("A file or -, for OEM and OPM a folder; by default named as the plan.")
     ] = None,

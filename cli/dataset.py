@@ -9,7 +9,7 @@ import typer
 from cli.options import given_options, refuse, with_settings, workers_of
 from cli.output import echo, print_json, stdout_for_document
 from cli.progress import progress
-from cli.settings import AsJson, Family, FolderWorkers, ProblemSettings, Separation, option
+from cli.settings import AsJson, Family, FolderWorkers, ProblemSettings, SeparationOption, option
 from pipeline.errors import InputError
 from pipeline.text import public_url
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 AN_ORBIT = 'an object such as {"semi_major_axis": 8e6, "eccentricity": 0.1}'
 Out = Annotated[str, option("Dataset folder or URL.")]
-Folder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
+DatasetFolder = Annotated[str, typer.Argument(help="Dataset folder or URL.")]
 
 
 @with_settings
@@ -79,9 +79,9 @@ def sample(
 @with_settings
 def solve(
     context: typer.Context,
-    folder: Folder,
+    folder: DatasetFolder,
     workers: FolderWorkers,
-    separation: Separation = "continuous",
+    separation: SeparationOption = "continuous",
     solver: Annotated[
         Literal["simplex", "clarabel"],
         option("Of the convex programs: HiGHS' simplex method or Clarabel's interior points."),
@@ -141,7 +141,7 @@ def make(
 @with_settings
 def card(
     context: typer.Context,
-    folder: Folder,
+    folder: DatasetFolder,
     *,
     workers: FolderWorkers,
     licence: Annotated[
@@ -175,7 +175,7 @@ def card(
 @with_settings
 def verify(
     context: typer.Context,
-    folder: Folder,
+    folder: DatasetFolder,
     *,
     workers: FolderWorkers,
     mend: Annotated[

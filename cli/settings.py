@@ -38,10 +38,10 @@ _condition = partial(setting, rich_help_panel="Conditions of the flight")
 _trial = partial(setting, rich_help_panel="Trials with errors")
 
 AsJson = Annotated[bool, option("Print one JSON document, and all else on stderr.", "--json")]
-Separation = Annotated[
+SeparationOption = Annotated[
     Literal["continuous", "nodes"], option("Keep craft apart at all times, or at the nodes only.")
 ]
-Effort = Literal["first", "default", "best"]
+EffortOption = Literal["first", "default", "best"]
 Family = Annotated[
     str,
     option(
@@ -488,7 +488,7 @@ class FlownTrials:
     planner: str = _trial(
         "Of replanning, as for `prolearn plan`.", default="expert", autocompletion=planners
     )
-    effort: Effort | None = _trial("Of the expert in replanning, as for `prolearn plan`.")
+    effort: EffortOption | None = _trial("Of the expert in replanning, as for `prolearn plan`.")
     sigmas: float | None = _trial(
         "Margin of replanning, standard deviations of separations beyond r_col; 3 by default."
     )
@@ -508,8 +508,8 @@ class Planning:
         default="expert",
         autocompletion=planners,
     )
-    separation: Separation = "continuous"
-    effort: Effort | None = setting(
+    separation: SeparationOption = "continuous"
+    effort: EffortOption | None = setting(
         "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
         "the best of several searches. By default the second; after a model, the first, and "
         "after the refiner that only where it has no safe plan."

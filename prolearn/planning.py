@@ -15,7 +15,7 @@ from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, fly_loops, 
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, Separation
+from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, SeparationKind
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
@@ -29,7 +29,7 @@ def plan(
     scenario: Scenario,
     planner: str | Planner = "expert",
     *,
-    separation: Separation = "continuous",
+    separation: SeparationKind = "continuous",
     passive_safety: float | None = None,
     risk: RiskLimit | None = None,
     effort: Effort | None = None,

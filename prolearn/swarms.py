@@ -22,7 +22,7 @@ from pipeline.scenario import Scenario
 from pipeline.scenario.document import scenario_from
 from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
 from pipeline.scenario.orbit_document import OrbitDocument
-from pipeline.scenario.scenario import Ends
+from pipeline.scenario.scenario import EndKind
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
 
@@ -60,7 +60,7 @@ def scenario(
     *,
     altitude: float | None = None,
     orbit: ReferenceOrbit | None = None,
-    ends: Ends = "passive",
+    ends: EndKind = "passive",
     time_step: float = Problem.time_step,
     nodes: int = Problem.nodes,
     collision_radius: float = Problem.collision_radius,

@@ -31,7 +31,7 @@ SHARED = (*DATA, "models")  # parameters that other runs must share with the eva
 
 
 @dataclass(frozen=True)
-class Part:
+class ReportPart:
     """A run that a report has beside the evaluation."""
 
     experiment: str
@@ -42,14 +42,14 @@ class Part:
 
 PARTS = {  # by name
     **{
-        f"Experiment 3, {name}": Part(
+        f"Experiment 3, {name}": ReportPart(
             WARMSTART, f"prolearn warmstart --optimizer {name}", {"optimizer": name}
         )
         for name in OPTIMIZERS
     },
-    "Experiment 4": Part(TRANSFER_TIMES, "prolearn transfer-times"),
+    "Experiment 4": ReportPart(TRANSFER_TIMES, "prolearn transfer-times"),
     # Only networks that can replan on the way take part.
-    "Experiment 5": Part(FLIGHTS, "prolearn flights", shared=DATA),
+    "Experiment 5": ReportPart(FLIGHTS, "prolearn flights", shared=DATA),
 }
 
 

@@ -250,10 +250,10 @@ def _contents(
 
 
 # A task of a worker: its number, and consecutive solved shards with their digests
-Task = tuple[int, list[tuple[Shard, str]]]
+SummaryTask = tuple[int, list[tuple[Shard, str]]]
 
 
-def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[Task]:
+def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[SummaryTask]:
     """All shards in order, grouped in a way that does not depend on the workers."""
     ends = accumulate(shard.most.values for shard in shards)
     listed = [(shard, manifest.shards[shard.solved]) for shard in shards]
@@ -261,7 +261,7 @@ def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[Task]:
     return [(number, [shard for shard, _ in group]) for number, group in groups]
 
 
-def _read(folder: Folder, task: Task) -> list[bytes]:
+def _read(folder: Folder, task: SummaryTask) -> list[bytes]:
     _, shards = task
     found = []
     for shard, _ in shards:
@@ -270,7 +270,9 @@ def _read(folder: Folder, task: Task) -> list[bytes]:
     return found
 
 
-def _summarized(folder: str, task: Task, contents: Sequence[bytes]) -> list[tuple[File, pa.Table]]:
+def _summarized(
+    folder: str, task: SummaryTask, contents: Sequence[bytes]
+) -> list[tuple[File, pa.Table]]:
     """In a worker: the file and the SUMMARIZED columns of each shard of a task."""
     _, shards = task
     found = []

@@ -39,7 +39,7 @@ VIOLATIONS = {
 
 AT_ONCE = 100  # rows that are certified or solved at once, which bounds memory
 
-Rows = Bool[Array, "N"]
+RowMask = Bool[Array, "N"]
 
 
 def row_faults(
@@ -54,13 +54,13 @@ def row_faults(
             yield from _fault_texts(rows, checks(rows, n, problem, requirements))
 
 
-def _fault_texts(table: pa.Table, checks: Iterable[tuple[str, Rows]]) -> Iterator[str]:
+def _fault_texts(table: pa.Table, checks: Iterable[tuple[str, RowMask]]) -> Iterator[str]:
     names = table["scenario_id"].to_pylist()
     for fault, is_wrong in checks:
         yield from (f"{names[k]} {fault}" for k in np.flatnonzero(is_wrong))
 
 
-def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, Rows]]:
+def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, RowMask]]:
     """Faults of rows without a known status, or with values in other columns than it requires."""
     solved = pc.equal(table["status"], SOLVED).to_numpy()
     has = {c: table[c].is_valid().to_numpy() for c in (*PLANNED, "min_separation", "convex_solves")}
@@ -76,7 +76,7 @@ def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, Rows]]:
 
 def _row_checks(
     solved: pa.Table, n: int, problem: Problem, requirements: Requirements
-) -> Iterator[tuple[str, Rows]]:
+) -> Iterator[tuple[str, RowMask]]:
     """Faults of plans: each with which rows have it."""
     try:
         states = stacked(solved, "states", n, problem.nodes, 6)
@@ -113,7 +113,7 @@ def _row_checks(
 
 def _infeasible_checks(
     rows: pa.Table, n: int, problem: Problem, requirements: Requirements
-) -> Iterator[tuple[str, Rows]]:
+) -> Iterator[tuple[str, RowMask]]:
     """Rows that the expert does not prove infeasible again; a proof takes it no search."""
     try:
         ends = [stacked(rows, end, n, 6) for end in ("initial", "goal")]
@@ -129,7 +129,7 @@ def _infeasible_checks(
         yield "is not proven to be infeasible", np.array([p.status != INFEASIBLE for p in plans])
 
 
-def _beyond(error: Float[Array, "N *rest 6"]) -> Rows:
+def _beyond(error: Float[Array, "N *rest 6"]) -> RowMask:
     worst = np.abs(error).max(axis=tuple(range(1, error.ndim - 1)))
     far = worst[:, :3].max(axis=1) > POSITION_TOLERANCE
     return ~np.isfinite(worst).all(axis=1) | far | (worst[:, 3:].max(axis=1) > VELOCITY_TOLERANCE)

@@ -11,7 +11,7 @@ from scipy import special
 from pipeline.experiments.averages import Average
 from pipeline.experiments.records import PREDICTED
 from pipeline.figures import intervals, labels
-from pipeline.figures.intervals import Interval, at_least, at_most
+from pipeline.figures.intervals import ConfidenceInterval, at_least, at_most
 
 DECOUPLED = "decoupled optimum"
 """The best baseline: each craft's optimum without regard to the others, at the bound on fuel."""
@@ -58,9 +58,9 @@ class Performance:
     name: str  # of the planner with its recipe
     trainings: int
     safe: float  # share of trials
-    safe_interval: Interval  # Wilson's
+    safe_interval: ConfidenceInterval  # Wilson's
     fuel: float  # over its bound, mean
-    fuel_interval: Interval  # Student's
+    fuel_interval: ConfidenceInterval  # Student's
 
     @property
     def text(self) -> str:
@@ -144,10 +144,10 @@ class PairedComparison:
 
     trials: int
     safe: float  # difference in the share of safe trials
-    safe_interval: Interval  # Newcombe's
+    safe_interval: ConfidenceInterval  # Newcombe's
     safe_p_value: float
     fuel: float  # mean difference in fuel over its bound, or in the column compared instead
-    fuel_interval: Interval  # Student's
+    fuel_interval: ConfidenceInterval  # Student's
 
     @property
     def safety_differs(self) -> bool:
@@ -199,7 +199,7 @@ LOWER: Rules = (
 """By whether there are several trainings of each, all are lower than others, and all are higher."""
 
 
-def verdict_on_lower(several: bool, differences: Iterable[Interval]) -> str:
+def verdict_on_lower(several: bool, differences: Iterable[ConfidenceInterval]) -> str:
     """Whether some numbers are lower than others, as the paper says, by intervals of differences.
 
     ``several``: all have several trainings. That some are higher is MIXED unless all are.

@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.errors import InputError, check_choice
 from pipeline.export.basilisk import write_basilisk
 from pipeline.export.messages import write_ephemerides, write_orbit_parameters
-from pipeline.export.tables import Masses, PerCraft, write_burns, write_csv, write_parquet
+from pipeline.export.tables import Masses, NumberOrEach, write_burns, write_csv, write_parquet
 from pipeline.plan import Plan
 
 
@@ -35,8 +35,8 @@ def write_plan_as(
     path: Path,
     name: str,
     *,
-    mass: PerCraft | None = None,
-    specific_impulse: PerCraft | None = None,
+    mass: NumberOrEach | None = None,
+    specific_impulse: NumberOrEach | None = None,
 ) -> list[Path]:
     """Write a plan in one of FORMATS, and return the files.
 

@@ -22,7 +22,7 @@ STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
 BESIDE = ("times", "states", "controls")  # columns of a table; other fields are metadata
 GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
 
-PerCraft = float | Sequence[float]
+NumberOrEach = float | Sequence[float]
 
 
 def columns_of(plan: Plan) -> dict[str, Array]:
@@ -76,7 +76,7 @@ class Masses:
 
     @classmethod
     def of(
-        cls, n: int, mass: PerCraft | None, specific_impulse: PerCraft | None = None
+        cls, n: int, mass: NumberOrEach | None, specific_impulse: NumberOrEach | None = None
     ) -> "Masses | None":
         """Masses, kg, and specific impulses, s, of n craft; None where no mass is given.
 
@@ -90,7 +90,7 @@ class Masses:
         return cls(**held) if held else None
 
 
-def _per_craft(name: str, given: PerCraft, n: int) -> Float[Array, "n"]:
+def _per_craft(name: str, given: NumberOrEach, n: int) -> Float[Array, "n"]:
     values = np.atleast_1d(np.array(given, dtype=object))
     fine = all(is_number(one) and 0 < one < np.inf for one in values.flat)
     if not fine or values.shape not in ((1,), (n,)):

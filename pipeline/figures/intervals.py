@@ -14,22 +14,22 @@ CONFIDENCE = 0.95  # of every interval
 NORMAL_QUANTILE = float(special.ndtri(0.5 + CONFIDENCE / 2))
 """Two-sided quantile of the standard normal distribution at that confidence."""
 
-Interval = tuple[float, float]
+ConfidenceInterval = tuple[float, float]
 
 
-def at_least(interval: Interval, threshold: float) -> bool | None:
+def at_least(interval: ConfidenceInterval, threshold: float) -> bool | None:
     """Whether a number is at least a threshold, by its interval; open if the interval is NaN."""
     low, high = interval
     return True if low >= threshold else False if high < threshold else None
 
 
-def at_most(interval: Interval, threshold: float) -> bool | None:
+def at_most(interval: ConfidenceInterval, threshold: float) -> bool | None:
     """Whether a number is at most a threshold, by its interval; open if the interval is NaN."""
     low, high = interval
     return True if high <= threshold else False if low > threshold else None
 
 
-def wilson(share: float, trials: int | float) -> Interval:
+def wilson(share: float, trials: int | float) -> ConfidenceInterval:
     """Wilson's interval of a share of so many trials, which need not be a whole number.
 
     E. Wilson, "Probable inference, the law of succession, and statistical inference", Journal of
@@ -44,7 +44,7 @@ def wilson(share: float, trials: int | float) -> Interval:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
+def clustered_interval(shares: Float[Array, "k"], each: int) -> ConfidenceInterval:
     """Wilson's interval of a share, from its values in clusters of ``each`` correlated trials.
 
     The effective number of independent trials is p(1 - p) over the variance of p between the k
@@ -65,7 +65,7 @@ def clustered_interval(shares: Float[Array, "k"], each: int) -> Interval:
     return wilson(p, float(min(max(effective, k), k * each)))
 
 
-def mean_interval(values: Float[Array, "k"]) -> Interval:
+def mean_interval(values: Float[Array, "k"]) -> ConfidenceInterval:
     """Student's interval of a mean: just the mean where all values are equal.
 
     Not a number for fewer than two values.
@@ -85,7 +85,7 @@ def _t_quantile(freedom: int) -> float:
     return float(special.stdtrit(freedom, 0.5 + CONFIDENCE / 2))
 
 
-def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> Interval:
+def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> ConfidenceInterval:
     """Newcombe's interval of the difference of two shares on the same trials, within -1 and 1.
 
     Trials are 0 or 1, or a share between, as of several trainings. Method 10 of R. Newcombe,

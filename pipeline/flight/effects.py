@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
-from pipeline.flight.encounters import Encounters, Surroundings
+from pipeline.flight.least_distances import LeastDistances, Surroundings
 from pipeline.flight.world import Conditions, LinearWorld, World, problem_in, world_of
 from pipeline.orbit.arrays import Controls, Formation, States
 from pipeline.orbit.bezier import norm
@@ -55,14 +55,14 @@ class Effect:
 
 def fly_controls(
     world: World, scenario: Scenario, controls: Controls
-) -> tuple[States, Float[Array, "m T 6"], Encounters]:
+) -> tuple[States, Float[Array, "m T 6"], LeastDistances]:
     """Node states of craft and obstacles, and least distances, of controls (m/s²) in open loop."""
     around, nodes, met = Surroundings(scenario, world), [scenario.initial], []
     for k, control in enumerate(controls.swapaxes(0, 1)):
         arc = world.arc(nodes[-1], control, k)
         nodes.append(arc[:, -1, -1])
-        met.append(around.encounters(arc[None], k))
-    return np.stack(nodes, axis=1), around.obstacles, reduce(Encounters.nearer, met)
+        met.append(around.least_distances(arc[None], k))
+    return np.stack(nodes, axis=1), around.obstacles, reduce(LeastDistances.nearer, met)
 
 
 def effects(scenario: Scenario, controls: Controls, conditions: Conditions) -> list[Effect]:

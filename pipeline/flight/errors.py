@@ -203,7 +203,7 @@ def navigation_errors(
 
 
 @dataclass(frozen=True, eq=False)
-class Burns:
+class ExecutedBurns:
     """Burns over an interval, with thrust errors."""
 
     held: Float[Array, "K n 3"]  # controls held over it, m/s²
@@ -213,7 +213,7 @@ class Burns:
 
 def burns_made(
     commanded: Float[Array, "K n 3"], drawn: Draws, interval: int, errors: Errors, time_step: float
-) -> Burns:
+) -> ExecutedBurns:
     """The burns made where controls, m/s², are commanded over an interval of ``time_step`` s.
 
     A burn that is late by τ is modelled as the burn in time with an impulse of -uτ at its start
@@ -237,4 +237,4 @@ def burns_made(
         error += errors.direction_bias * np.cross(drawn.thruster[..., 1:], commanded)
     burns, lag = burning[..., None], errors.timing * drawn.lag[:, interval]
     held = np.where(missed[..., None], 0.0, np.where(burns, commanded + error, commanded))
-    return Burns(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))
+    return ExecutedBurns(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))

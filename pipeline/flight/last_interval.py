@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
+from pipeline.flight.world import HeldControls
 from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches
 from pipeline.orbit.arrays import Formation, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
@@ -20,7 +21,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight
 
 ROUNDS = 8  # iterations: a craft may belong to several pairs, each of which moves it
-Held = Float[Array, "N 3"]  # controls of the craft of all trials, m/s²
 
 EARLY = 0.1  # share of the interval up to which its controls hardly move a pair
 CLOSE = 5.0  # distance beyond the collision radius, m, up to which pairs are considered
@@ -52,7 +52,7 @@ class LastInterval:
             held = np.clip(held + change, -most, most)
         return held.reshape(controls.shape)
 
-    def _changes(self, found: Approaches, held: Held) -> Held:
+    def _changes(self, found: Approaches, held: HeldControls) -> HeldControls:
         """Changes of controls, m/s², that give each pair the required separation."""
         problem, i, j = self.problem, found.first, found.second
         begin = self.estimate.reshape(-1, 6)
@@ -76,7 +76,9 @@ class LastInterval:
         np.add.at(total, j, -change * able[j][:, None])
         return total
 
-    def _required_separation(self, found: Approaches, normal: Vectors, held: Held) -> Values:
+    def _required_separation(
+        self, found: Approaches, normal: Vectors, held: HeldControls
+    ) -> Values:
         """Required separations of pairs, m: in standard deviations at most those at either end."""
         i, j, problem = found.first, found.second, self.problem
         n, radius = self.estimate.shape[1], problem.collision_radius
@@ -98,7 +100,7 @@ class LastInterval:
         second: Indices,
         normal: Vectors,
         maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
-        held: Held,
+        held: HeldControls,
     ) -> Values:
         """Standard deviations of pairs' separations along unit vectors, m."""
         known = self.covariance.reshape(-1, 6, 6)
@@ -112,7 +114,7 @@ class LastInterval:
 
 
 def flown_interval(
-    begin: Float[Array, "N 6"], held: Held, problem: Problem
+    begin: Float[Array, "N 6"], held: HeldControls, problem: Problem
 ) -> Float[Array, "N 2 6"]:
     """States at both ends of a problem's first interval, m and m/s."""
     A, B = problem.dynamics.step(problem.time_step)

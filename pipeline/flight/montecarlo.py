@@ -19,8 +19,8 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import InputError, check_whole
-from pipeline.flight.encounters import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.errors import Errors, check_seed
+from pipeline.flight.least_distances import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.loops import MOST_TRIALS, Loop, batch_size
 from pipeline.flight.trials import Trials
 from pipeline.flight.world import World

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
 from pipeline.figures import style
-from pipeline.figures.intervals import Interval, wilson
+from pipeline.figures.intervals import ConfidenceInterval, wilson
 from pipeline.flight.loops import Loop
 from pipeline.flight.trials import Trials
 
@@ -43,9 +43,9 @@ class Summary:
     sigmas: float | None  # standard deviations of each separation kept beyond r_col
     trials: int
     within_radius: float | None  # share in which a pair came within r_col, or too close by sizes
-    within_radius_interval: Interval | None  # Wilson's of that share
+    within_radius_interval: ConfidenceInterval | None  # Wilson's of that share
     within_size: float | None  # share in which a pair came within the physical size
-    within_size_interval: Interval | None  # Wilson's of that share
+    within_size_interval: ConfidenceInterval | None  # Wilson's of that share
     least_separation: float | None  # of all trials
     separation_median: float | None  # of the least separation of each trial
     goal_error_median: float
@@ -61,7 +61,7 @@ class Summary:
     least_clearance: float | None = None  # of all trials; of craft and obstacles by their sizes
     clearance_median: float | None = None  # of the least clearance of each trial
     outside_corridor: float | None = None  # share in which a craft left a corridor
-    outside_corridor_interval: Interval | None = None  # Wilson's of that share
+    outside_corridor_interval: ConfidenceInterval | None = None  # Wilson's of that share
     least_corridor: float | None = None  # inside of corridors, of all trials
     corridor_median: float | None = None  # of the least margin of each trial
 

@@ -6,8 +6,8 @@ from functools import reduce
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int, plain
-from pipeline.flight.encounters import Encounters, Surroundings
 from pipeline.flight.errors import Draws, Errors, Loss, burns_made, lost_thrust, navigation_errors
+from pipeline.flight.least_distances import LeastDistances, Surroundings
 from pipeline.flight.world import World
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.bezier import norm
@@ -79,12 +79,12 @@ def fly_trials(
         stops = (adrift & ~before)[..., None]
         lag = np.where(stops, 0.0, burns.late)
         start, late = _with_impulse(state, late - lag), lag
-        state, encounters = _fly_interval(world, around, start, burns.held, node, loss, h)
-        met.append(encounters)
+        state, least = _fly_interval(world, around, start, burns.held, node, loss, h)
+        met.append(least)
         share = np.where(stops, loss.time[:, None, None] / h - node, 1.0)
         used += interval_fuel(burns.held * share, problem.thrust) * h
         missed += burns.missed
-    least, miss = reduce(Encounters.nearer, met), _with_impulse(state, late) - scenario.goal
+    least, miss = reduce(LeastDistances.nearer, met), _with_impulse(state, late) - scenario.goal
     miss = np.where(adrift[..., None], 0.0, miss)
     return {
         **least.columns(problem.collision_radius),
@@ -105,7 +105,7 @@ def _fly_interval(
     node: int,
     loss: Loss,
     h: float,
-) -> tuple[Float[Array, "K n 6"], Encounters]:
+) -> tuple[Float[Array, "K n 6"], LeastDistances]:
     """States at the end of an interval of h s, and the least distances in it.
 
     Trials in which a craft loses its thrust in the interval are flown in two parts, before and
@@ -113,7 +113,7 @@ def _fly_interval(
     """
     arc = world.arc(start.reshape(-1, 6), held.reshape(-1, 3), node)
     arcs = arc.reshape(*start.shape[:2], *arc.shape[1:])
-    end, met = plain(arcs[:, :, -1, -1]), around.encounters(arcs, node)
+    end, met = plain(arcs[:, :, -1, -1]), around.least_distances(arcs, node)
     for k in np.flatnonzero(loss.node == node + 1).tolist():
         at = float(np.clip(loss.time[k] / h - node, SHORTEST, 1 - SHORTEST))
         after = held[k].copy()

@@ -20,12 +20,12 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit, check_elements
 from pipeline.scenario import Scenario
 from pipeline.scenario.orbit_document import ANGLES
 
-States = Float[Any, "N 6"]
-Held = Float[Any, "N 3"]  # controls
-Arcs = Float[Any, "N M q 6"]  # at Chebyshev points of M pieces, both ends included
-Part = tuple[float, float]  # two shares of an interval, between which it is flown
+TrialStates = Float[Any, "N 6"]
+HeldControls = Float[Any, "N 3"]  # controls
+TrialArcs = Float[Any, "N M q 6"]  # at Chebyshev points of M pieces, both ends included
+IntervalPart = tuple[float, float]  # two shares of an interval, between which it is flown
 
-WHOLE: Part = (0.0, 1.0)
+WHOLE: IntervalPart = (0.0, 1.0)
 
 
 @runtime_checkable
@@ -36,7 +36,9 @@ class World(Protocol):
     accelerations along its axes, m/s², held constant there.
     """
 
-    def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
+    def arc(
+        self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
+    ) -> TrialArcs:
         """States over an interval or a part of it, from initial states and constant controls."""
 
     @property
@@ -59,7 +61,9 @@ class LinearWorld:
         """As ``World.of_obstacles``, by numpy: obstacles are few."""
         return replace(self, device=None)
 
-    def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
+    def arc(
+        self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
+    ) -> TrialArcs:
         """As ``World.arc``."""
         begin, end = (share * self.dynamics.time_step for share in part)
         h = end - begin
@@ -102,7 +106,9 @@ class NonlinearWorld:
         assert problem.orbit is not None
         return cls(problem.orbit, problem.time_step, problem.intervals, n)
 
-    def arc(self, states: States, controls: Held, interval: int, part: Part = WHOLE) -> Arcs:
+    def arc(
+        self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
+    ) -> TrialArcs:
         """As ``World.arc``; InputError for a part of a trial with drag."""
         count = len(states)
         if self.orbit.ballistic is None:

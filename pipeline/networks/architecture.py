@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pipeline.arrays import Array, Float, Float64
 from pipeline.errors import InputError, ProlearnError, check_choice
-from pipeline.networks.document import Answer, Ends
+from pipeline.networks.document import Answer, EndStates
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.recipes import RECIPES, Recipe, entry_point
 from pipeline.orbit.problem import Problem
@@ -33,7 +33,10 @@ class Swarms:
 
 
 def swarms(
-    problem: Problem, initial: Ends, goal: Ends, states: Float[Array, "b n T 6"] | None = None
+    problem: Problem,
+    initial: EndStates,
+    goal: EndStates,
+    states: Float[Array, "b n T 6"] | None = None,
 ) -> Swarms:
     """A batch of swarms with one problem and collision radius; arrays are not copied."""
     radius = torch.full((len(initial),), problem.collision_radius, dtype=torch.float64)

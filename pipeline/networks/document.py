@@ -24,9 +24,9 @@ COLUMNS_ON_DEVICE = 1_000_000
 
 Answer = Literal["states", "controls"]
 
-Ends = Float[Array, "b n 6"]  # states of the swarms of a batch at one end, m and m/s
+EndStates = Float[Array, "b n 6"]  # states of the swarms of a batch at one end, m and m/s
 
-Weights = TypeVar("Weights")
+Parsed = TypeVar("Parsed")
 
 
 @runtime_checkable
@@ -52,7 +52,9 @@ class TrainedNetwork(Protocol):
     def on(self, problem: Problem) -> "TrainedNetwork":
         """The same weights for another problem; InputError where they do not fit."""
 
-    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ _"]:
+    def answer(
+        self, initial: EndStates, goal: EndStates, collision_radius: float
+    ) -> Float[Array, "b n _ _"]:
         """States (b, n, T, 6), m and m/s, or controls (b, n, T-1, 3), m/s², for any n ≥ 1.
 
         InputError where both ends differ in shape or are not finite states of swarms.
@@ -80,8 +82,8 @@ def portions(initial: Array, goal: Array, nodes: int, device: str | None = None)
         yield slice(start, start + step)
 
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-Scale = Annotated[list[Positive], Field(min_length=6, max_length=6)]
+PositiveNumber = Annotated[FiniteFloat, Field(gt=0)]
+Scale = Annotated[list[PositiveNumber], Field(min_length=6, max_length=6)]
 
 
 class ProblemFields(BaseModel):
@@ -89,11 +91,11 @@ class ProblemFields(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    mean_motion: Positive
-    time_step: Positive
+    mean_motion: PositiveNumber
+    time_step: PositiveNumber
     nodes: int = Field(ge=3)
-    collision_radius: Positive
-    max_acceleration: Positive | None = None
+    collision_radius: PositiveNumber
+    max_acceleration: PositiveNumber | None = None
 
 
 class ModelDocument(BaseModel):
@@ -134,7 +136,7 @@ def read_model(folder: Path) -> ModelDocument:
     return read_document(folder / DOCUMENT_FILE, ModelDocument, what)
 
 
-def read_weights(folder: Path, digest: str, parse: Callable[[bytes], Weights]) -> Weights:
+def read_weights(folder: Path, digest: str, parse: Callable[[bytes], Parsed]) -> Parsed:
     """The weights in a folder; InputError where missing, damaged or not those of the digest."""
     path = folder / WEIGHTS_FILE
     try:

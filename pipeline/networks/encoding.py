@@ -10,7 +10,7 @@ from torch import Tensor
 from pipeline.arrays import Array, Float
 from pipeline.dataset.examples import ExampleSource
 from pipeline.errors import check_choice
-from pipeline.networks.document import Ends
+from pipeline.networks.document import EndStates
 from pipeline.orbit.arrays import AnyState, AnyStates
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
@@ -60,7 +60,7 @@ class Encoding:
         check_choice("interior", self.interior, INTERIORS)
         check_choice("target", self.target, TARGETS)
 
-    def inputs(self, initial: Ends, goal: Ends) -> Trajectories:
+    def inputs(self, initial: EndStates, goal: EndStates) -> Trajectories:
         """Inputs of the network, float64, from states in m and m/s."""
         states = INTERIORS[self.interior](initial, goal, self.problem)
         return torch.from_numpy(states / np.array(self.input_scale))

@@ -15,7 +15,7 @@ CHANGES: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs":
 """Weights shared by all columns see nT times as many examples: fewer, larger steps suffice."""
 
 
-class Columns(nn.Module):
+class LstmLayers(nn.Module):
     """LSTM layers over the columns of the 6 x nT matrix, each followed by dropout."""
 
     def __init__(self, hidden: list[int], dropout: float) -> None:
@@ -44,7 +44,7 @@ class Lstm(Layered):
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:
         """LSTM layers and a linear layer back to six numbers a column."""
-        return Columns(Layers(**config).hidden, dropout)
+        return LstmLayers(Layers(**config).hidden, dropout)
 
     def forward(self, network: nn.Module, inputs: Trajectories, encoding: Encoding) -> Trajectories:
         """The answer for n craft: a sequence of nT columns, whatever n is."""

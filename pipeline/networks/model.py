@@ -21,7 +21,7 @@ from pipeline.networks.document import (
     DOCUMENT_FILE,
     WEIGHTS_FILE,
     Answer,
-    Ends,
+    EndStates,
     ModelDocument,
     ProblemFields,
     portions,
@@ -88,7 +88,7 @@ class Model:
         """What it predicts: "states" or "controls"."""
         return find(self.architecture).answers
 
-    def predict(self, initial: Ends, goal: Ends) -> Float[Array, "b n T 6"]:
+    def predict(self, initial: EndStates, goal: EndStates) -> Float[Array, "b n T 6"]:
         """Predicted node states, m and m/s, with the collision radius of the training data.
 
         Predicted states obey no dynamics; predicted controls are flown, and may miss the goal.
@@ -98,7 +98,9 @@ class Model:
         answer = self.answer(initial, goal, self.problem.collision_radius)
         return answer if self.answers == "states" else fly(initial, answer, self.problem)
 
-    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ _"]:
+    def answer(
+        self, initial: EndStates, goal: EndStates, collision_radius: float
+    ) -> Float[Array, "b n _ _"]:
         """As in ``TrainedNetwork``."""
         problem = replace(self.problem, collision_radius=collision_radius)
         every = portions(initial, goal, problem.nodes, self.device)

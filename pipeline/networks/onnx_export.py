@@ -21,7 +21,7 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, ProlearnError, check_range, missing_extra_hint
 from pipeline.files import published
 from pipeline.networks.architecture import find
-from pipeline.networks.document import Ends
+from pipeline.networks.document import EndStates
 from pipeline.networks.encoding import INTERIORS, Encoding
 from pipeline.networks.model import Model
 from pipeline.networks.supervised import Supervised
@@ -84,7 +84,7 @@ def _check(path: Path, model: Model, n: int | None, *, flown: bool) -> Exported:
     return Exported(path, path.stat().st_size / 1024, flown, n, most, shares, metres, seconds)
 
 
-def _ends(model: Model, n: int, instances: int) -> dict[str, Ends]:
+def _ends(model: Model, n: int, instances: int) -> dict[str, EndStates]:
     """Random end states as large as the training data's, in float32."""
     scale = np.array(model.encoding.input_scale)
     drawn = np.random.default_rng(n).normal(size=(2, instances, n, 6)) * scale

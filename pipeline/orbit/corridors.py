@@ -26,15 +26,15 @@ MOST_NARROWED = 0.9  # largest share of its width by which a box is made narrowe
 STEEPEST = 89.0  # half-angle of a cone, deg
 ROUNDING = 1e-9  # tolerance of times at the ends of an interval, as a share of it
 
-Point = tuple[float, float, float]
+Coordinates = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Box:
     """A box along the LVLH axes."""
 
-    min: Point  # least coordinates, m
-    max: Point  # largest, m
+    min: Coordinates  # least coordinates, m
+    max: Coordinates  # largest, m
 
     def __post_init__(self) -> None:
         fields_as_python(self)
@@ -71,8 +71,8 @@ class Box:
 class Cone:
     """An approach cone; craft stay inside the inscribed pyramid of SIDES sides."""
 
-    apex: Point  # m
-    axis: Point  # direction in which it opens, of any length
+    apex: Coordinates  # m
+    axis: Coordinates  # direction in which it opens, of any length
     half_angle_deg: float  # between axis and edge, deg
 
     def __post_init__(self) -> None:

@@ -26,7 +26,9 @@ COUNT_SECONDS = 2.0  # how often the workers are counted
 
 
 @contextmanager
-def cluster(scheduler: str, wait: float, retrying: bool, progress: Progress) -> Iterator["Cluster"]:
+def cluster(
+    scheduler: str, wait: float, retrying: bool, progress: Progress
+) -> Iterator["DaskCluster"]:
     """Connect to a Dask scheduler; ProlearnError where none answers or it has no workers.
 
     One that was lost (``retrying``) has ``wait`` seconds to answer, and may have no workers yet.
@@ -47,7 +49,7 @@ def cluster(scheduler: str, wait: float, retrying: bool, progress: Progress) -> 
                 "one with `dask scheduler`."
             ) from error
         try:
-            pool = Cluster(client, where, wait)
+            pool = DaskCluster(client, where, wait)
             if not pool.has_workers(0.0 if retrying else CONNECT_SECONDS):
                 none = f"the Dask scheduler at {where} has no workers"
                 start = f"start some with `dask worker {where}`."
@@ -60,7 +62,7 @@ def cluster(scheduler: str, wait: float, retrying: bool, progress: Progress) -> 
                 client.close(CONNECT_SECONDS)
 
 
-class Cluster:
+class DaskCluster:
     """The workers of a Dask cluster, as a pool."""
 
     def __init__(self, client: "Client", where: str, wait: float) -> None:

@@ -32,7 +32,7 @@ from pipeline.plan.requirements import (
     AT_ALL_TIMES,
     Requirements,
     RiskLimit,
-    Separation,
+    SeparationKind,
     refuse_risk,
 )
 
@@ -54,7 +54,7 @@ __all__ = [
     "Requirements",
     "Risk",
     "RiskLimit",
-    "Separation",
+    "SeparationKind",
     "certified_plan",
     "certified_plans",
     "certify",

@@ -13,7 +13,7 @@ from pipeline.errors import InputError, check_kind
 from pipeline.files import path_of
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
-from pipeline.plan.requirements import Separation
+from pipeline.plan.requirements import SeparationKind
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ScenarioDocument, document_of
 from pipeline.scenario.fields import Number, State
@@ -64,7 +64,7 @@ class PlanDocument(BaseModel):
     assignment: Assignment | None = Field(
         None, description="Who takes which goal, where that was chosen; the scenario has it so."
     )
-    separation: Separation = Field(
+    separation: SeparationKind = Field(
         "continuous",
         description="When craft were to be kept apart: continuous, at all times; nodes, at the "
         "nodes only. Left out where it is continuous.",

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.thrust import COMPONENTS, NORM
 from pipeline.plan.certificate import Certificate
-from pipeline.plan.requirements import Requirements, Separation
+from pipeline.plan.requirements import Requirements, SeparationKind
 from pipeline.scenario import Scenario
 
 SOLVED = "solved"  # dynamics, both ends in all six components, thrust limit and separation all hold
@@ -86,7 +86,7 @@ class Plan:
     timing: Mapping[str, float] = field(default_factory=dict)
     message: str = ""
     assignment: Assignment | None = None
-    separation: Separation = "continuous"
+    separation: SeparationKind = "continuous"
     as_flown: bool = False
 
     def __repr__(self) -> str:

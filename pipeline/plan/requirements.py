@@ -11,7 +11,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.scenario import Scenario
 
 # When craft are kept apart: at all times, or at the nodes only, the paper's criterion (Eq. 5)
-Separation = Literal["continuous", "nodes"]
+SeparationKind = Literal["continuous", "nodes"]
 
 MOST_ORBITS = 100.0  # longest drift; the linear model is no longer accurate over so many orbits
 LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
@@ -87,13 +87,13 @@ class Requirements:
             None.
     """
 
-    separation: Separation = "continuous"
+    separation: SeparationKind = "continuous"
     passive_safety: float | None = None
     risk: RiskLimit | None = None
 
     def __post_init__(self) -> None:
         fields_as_python(self)
-        if self.separation not in get_args(Separation):
+        if self.separation not in get_args(SeparationKind):
             raise InputError(
                 f"separation is {self.separation!r}; expected continuous or nodes, to keep craft "
                 "apart at all times or at the nodes only."

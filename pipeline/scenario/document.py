@@ -23,7 +23,7 @@ from pipeline.scenario.part_documents import (
     count_of,
     end_states,
 )
-from pipeline.scenario.scenario import Ends, Scenario
+from pipeline.scenario.scenario import EndKind, Scenario
 from pipeline.scenario.validation import check
 
 SCHEMA = "prolearn.scenario/1"
@@ -101,7 +101,7 @@ class ScenarioDocument(
     reference: ReferenceDocument | None = Field(
         None, description="Where and when the reference orbit is, for files in inertial frames."
     )
-    ends: Ends = Field(
+    ends: EndKind = Field(
         "passive",
         description="passive: at both ends craft are on orbits that do not drift; any: they may "
         "drift, as in a rendezvous.",

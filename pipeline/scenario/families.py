@@ -33,8 +33,8 @@ DENSE = 1.02  # least separation of a dense formation in free drift, in collisio
 CROWDED = 1.75  # largest half extent of a dense formation, in collision radii times √n
 CACHES = 15  # pairs compared at once are so many times fewer than fit in memory, to fit in caches
 
-Ends = tuple[Formation, Formation]
-Elements = Float[Array, "_ 5"]
+EndFormations = tuple[Formation, Formation]
+RingElements = Float[Array, "_ 5"]
 """Of craft on rings, a row each: a (m), tilt, phase, cross phase (rad) and offset (m)."""
 
 Formations = Float[Array, "_ _ 6"]
@@ -114,7 +114,7 @@ class _Draw:
         a = self.growth * self.rng.uniform(*SEMI_MAJOR_AXIS)
         return a, self.rng.uniform(-TILT, TILT), self.angle()
 
-    def rings(self) -> Elements:
+    def rings(self) -> RingElements:
         """One or two random rings, with equal probability."""
         rings = []
         for count in self.sizes(int(self.rng.integers(1, 3))):
@@ -123,22 +123,22 @@ class _Draw:
         return np.concatenate(rings)
 
 
-Draws = Sequence[_Draw]
-Make = Callable[[_Draw], Elements]
+_Draws = Sequence[_Draw]
+Make = Callable[[_Draw], RingElements]
 Safe = Callable[[Formations, Problem], Bool[Array, "b"]]
 Problems = tuple[Problem, Problem]  # with the reference orbit as at the first and last node
 
 
 def _ring(
     a: float, tilt: float, phases: Float[Array, "m"], cross: float = 0.0, offset: float = 0.0
-) -> Elements:
+) -> RingElements:
     elements = np.empty((len(phases), 5))
     elements[:] = a, tilt, 0.0, cross, offset
     elements[:, 2] = phases
     return elements
 
 
-def _states(elements: Sequence[Elements], problem: Problem) -> Formations:
+def _states(elements: Sequence[RingElements], problem: Problem) -> Formations:
     """States of the craft of several draws, m and m/s."""
     return ring_states(problem, *np.concatenate(elements).T).reshape(len(elements), -1, 6)
 
@@ -176,13 +176,13 @@ def _first_safe(
 
 
 def _both_ends(
-    draws: Draws,
+    draws: _Draws,
     problems: Problems,
     initial: Make,
     goal: Make,
-    states: Callable[[Sequence[Elements], Problem], Formations] = _states,
+    states: Callable[[Sequence[RingElements], Problem], Formations] = _states,
     safe: Safe = _safe,
-) -> list[Ends]:
+) -> list[EndFormations]:
     """Two formations of each draw, the goal's slots in random order."""
 
     def formations(elements: Make, problem: Problem) -> Formations:
@@ -195,16 +195,16 @@ def _both_ends(
     return [(start[k], draw.rng.permutation(end[k])) for k, draw in enumerate(draws)]
 
 
-def _rings(draws: Draws, problems: Problems) -> list[Ends]:
+def _rings(draws: _Draws, problems: Problems) -> list[EndFormations]:
     """One or two random rings at each end, goal slots in random order (the default)."""
     return _both_ends(draws, problems, _Draw.rings, _Draw.rings)
 
 
-def _dense(draws: Draws, problems: Problems) -> list[Ends]:
+def _dense(draws: _Draws, problems: Problems) -> list[EndFormations]:
     """Rings as small as passive safety lets them be, goal slots in random order."""
     n, radius = draws[0].n, problems[0].collision_radius
 
-    def scaled(elements: Sequence[Elements], problem: Problem) -> Formations:
+    def scaled(elements: Sequence[RingElements], problem: Problem) -> Formations:
         states = _states(elements, problem)
         if n == 1:  # of the size of the collision radius
             return states * radius / np.abs(states[..., :3]).max(axis=(1, 2), keepdims=True)
@@ -221,14 +221,14 @@ def _dense(draws: Draws, problems: Problems) -> list[Ends]:
 
 
 def _split(
-    draws: Draws, problems: Problems, sizes: tuple[float, float], tilts: tuple[float, float]
-) -> list[Ends]:
+    draws: _Draws, problems: Problems, sizes: tuple[float, float], tilts: tuple[float, float]
+) -> list[EndFormations]:
     """The paper's Figure 1: a flat 200 m ring to two rings of half the craft each."""
 
-    def ring(draw: _Draw) -> Elements:
+    def ring(draw: _Draw) -> RingElements:
         return _ring(200.0 * draw.growth, 0.0, draw.slots(draw.n))
 
-    def halves(draw: _Draw) -> Elements:
+    def halves(draw: _Draw) -> RingElements:
         cross = draw.angle()
         both = zip(draw.sizes(2), sizes, tilts, strict=True)
         rings = [_ring(a * draw.growth, tilt, draw.slots(m), cross) for m, a, tilt in both]
@@ -237,20 +237,20 @@ def _split(
     return _both_ends(draws, problems, ring, halves)
 
 
-def _coplanar_split(draws: Draws, problems: Problems) -> list[Ends]:
+def _coplanar_split(draws: _Draws, problems: Problems) -> list[EndFormations]:
     """A 200 m ring to rings of 100 m and 300 m in the same plane (Figure 1, left)."""
     return _split(draws, problems, (100.0, 300.0), (0.0, 0.0))
 
 
-def _tilt_split(draws: Draws, problems: Problems) -> list[Ends]:
+def _tilt_split(draws: _Draws, problems: Problems) -> list[EndFormations]:
     """A 200 m ring to two such rings of tilt ±45° (at a cross phase of 0: Figure 1, right)."""
     return _split(draws, problems, (200.0, 200.0), (TILT, -TILT))
 
 
-def _independent(draws: Draws, problems: Problems) -> list[Ends]:
+def _independent(draws: _Draws, problems: Problems) -> list[EndFormations]:
     """Each craft on a random PRO of its own, with an along-track offset of its own."""
 
-    def craft(draw: _Draw) -> Elements:
+    def craft(draw: _Draw) -> RingElements:
         rng, growth = draw.rng, draw.growth
         a = growth * rng.uniform(*SEMI_MAJOR_AXIS)
         offset = growth * rng.uniform(-SEMI_MAJOR_AXIS[1], SEMI_MAJOR_AXIS[1])
@@ -271,11 +271,11 @@ def _independent(draws: Draws, problems: Problems) -> list[Ends]:
     return [*zip(*map(formations, problems), strict=True)]
 
 
-def _rotation(draws: Draws, problems: Problems) -> list[Ends]:
+def _rotation(draws: _Draws, problems: Problems) -> list[EndFormations]:
     """The same ring at both ends, with its slots shifted or in reversed order."""
     n = draws[0].n
 
-    def rings(draw: _Draw) -> list[Elements]:
+    def rings(draw: _Draw) -> list[RingElements]:
         a, tilt, cross = draw.ring_shape()
         return [_ring(a, tilt, draw.slots(n), cross) for _ in problems]
 
@@ -298,7 +298,7 @@ def _rotation(draws: Draws, problems: Problems) -> list[Ends]:
 
 
 # Whose docstrings dataset cards show
-FAMILIES: dict[str, Callable[[Draws, Problems], list[Ends]]] = {
+FAMILIES: dict[str, Callable[[_Draws, Problems], list[EndFormations]]] = {
     "rings": _rings,
     "coplanar-split": _coplanar_split,
     "tilt-split": _tilt_split,

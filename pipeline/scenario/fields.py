@@ -52,7 +52,7 @@ Number = Annotated[FiniteFloat, Field(strict=True)]
 Whole = Annotated[int, BeforeValidator(number)]
 Positive = Annotated[Number, Field(gt=0)]
 State = Annotated[list[Number], Field(min_length=6, max_length=6)]
-States = Annotated[
+StateList = Annotated[
     list[State],
     Field(min_length=1, description="A state x y z vx vy vz of each craft, LVLH, m and m/s."),
 ]

@@ -26,7 +26,7 @@ _COVARIANCE = re.compile(r"^COVARIANCE_START$.*?^COVARIANCE_STOP$\n?", re.DOTALL
 
 
 @dataclass(frozen=True)
-class Epoch:
+class UtcTime:
     """A UTC time with a resolution finer than microseconds."""
 
     second: datetime  # whole
@@ -192,7 +192,7 @@ def _interpolation(keywords: dict[str, str]) -> tuple[str | None, int]:
     return method, int(degree)
 
 
-def _row(line: str) -> tuple[Epoch, list[float]]:
+def _row(line: str) -> tuple[UtcTime, list[float]]:
     """Epoch and state of a line, km and km/s; accelerations may follow."""
     first, *rest = line.split()
     try:
@@ -206,7 +206,7 @@ def _row(line: str) -> tuple[Epoch, list[float]]:
     return _epoch(first), numbers[:6]
 
 
-def _epoch(text: str) -> Epoch:
+def _epoch(text: str) -> UtcTime:
     """The epoch of a text: a calendar date or the day of a year, and the time."""
     found = _EPOCH.fullmatch(text)
     try:
@@ -221,7 +221,7 @@ def _epoch(text: str) -> Epoch:
             f"has the time {_shown(text)}; expected UTC such as 2026-03-01T12:00:00.000, and no "
             "leap second"
         ) from error
-    return Epoch(second, float(found[2] or 0.0))
+    return UtcTime(second, float(found[2] or 0.0))
 
 
 def _shown(text: str) -> str:

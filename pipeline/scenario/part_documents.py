@@ -16,7 +16,7 @@ from pipeline.scenario.fields import (
     Number,
     Positive,
     State,
-    States,
+    StateList,
     Strict,
     Triple,
     Whole,
@@ -125,7 +125,7 @@ def _form(given: Any) -> str | None:
 
 # Initial or goal states of a scenario file
 End = Annotated[
-    Annotated[States, Tag("(states)")] | Annotated[RingsDocument, Tag("(rings)")],
+    Annotated[StateList, Tag("(states)")] | Annotated[RingsDocument, Tag("(rings)")],
     Discriminator(
         _form,
         custom_error_type="neither_states_nor_rings",

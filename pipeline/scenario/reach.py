@@ -18,7 +18,7 @@ from pipeline.scenario.waypoint import of_craft
 REACHABLE = "within reach"  # the rule
 TIME = "give more time by time_step or nodes"
 
-Fault = tuple[Case, str]  # a fault and its cure
+CaseAndCure = tuple[Case, str]  # a fault and its cure
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _needs(scenario: Scenario, limits: Limits, at: StateConstraints) -> list[Nee
 
 def _faults(
     scenario: Scenario, limits: Limits, needs: Sequence[Need], at: StateConstraints
-) -> Iterator[Fault]:
+) -> Iterator[CaseAndCure]:
     """The first limit of each craft that is too low, and smallest burns that no limit allows."""
     for k in range(scenario.n):
         limit = needs[0].needed[k]
@@ -129,7 +129,7 @@ def _faults(
                 break
 
 
-def _unreachable(k: int, limits: Limits, scenario: Scenario, at: StateConstraints) -> Fault:
+def _unreachable(k: int, limits: Limits, scenario: Scenario, at: StateConstraints) -> CaseAndCure:
     """The fault of a craft that cannot reach its goal, however large its thrust."""
     allowed, problem = int(limits.burns[k].any(axis=1).sum()), scenario.problem
     way = " by its waypoints" if k in of_craft(scenario.waypoints) else ""
@@ -145,7 +145,7 @@ def _unreachable(k: int, limits: Limits, scenario: Scenario, at: StateConstraint
     return case, f"leave more time to burn by no_burn, or {TIME}"
 
 
-def _burns_too_small(k: int, limits: Limits, problem: Problem) -> Fault | None:
+def _burns_too_small(k: int, limits: Limits, problem: Problem) -> CaseAndCure | None:
     """The fault of a craft that can make no burn as large as the smallest impulse bit."""
     thrust, most = problem.thrust, [limits.component[k], limits.norm[k]]
     if thrust.min_delta_v is None:

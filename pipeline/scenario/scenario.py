@@ -31,7 +31,7 @@ PARTS = {
     "obstacles": Obstacle,
     "corridors": Corridor,
 }
-Ends = Literal["passive", "any"]
+EndKind = Literal["passive", "any"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,7 +59,7 @@ class Scenario:
     family: str = "custom"
     name: str = ""
     reference: Reference | None = None
-    ends: Ends = "passive"
+    ends: EndKind = "passive"
     craft: Sequence[Spacecraft] = ()
     waypoints: Sequence[Waypoint] = ()
     obstacles: Sequence[Obstacle] = ()
@@ -69,7 +69,7 @@ class Scenario:
         """Refuse states that do not describe two formations of the same craft."""
         check_kind("problem", self.problem, Problem)
         check_kind("name", self.name, str)
-        check_choice("ends", self.ends, get_args(Ends))
+        check_choice("ends", self.ends, get_args(EndKind))
         for name, kind in PARTS.items():
             check_each(name, getattr(self, name), kind)
             object.__setattr__(self, name, tuple(getattr(self, name)))

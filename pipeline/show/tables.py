@@ -20,7 +20,7 @@ from pipeline.plan import (
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 
-Rows = list[tuple[str, str]]
+TableRows = list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
     return Verdict(shown.safe and not shown.faults, headline, tuple(reasons))
 
 
-def certificate_rows(plan: Plan, status: str) -> Rows:
+def certificate_rows(plan: Plan, status: str) -> TableRows:
     """The certificate: labels, and numbers with their units."""
     found, thrust = plan.certificate, plan.scenario.problem.thrust
     fuel = f"Fuel, {thrust.total}" + " (Eq. 4)" * (thrust.model == COMPONENTS)
@@ -117,7 +117,7 @@ def motion(plan: Plan) -> str:
     return f"the solution of the linear equations about the reference orbit{start}"
 
 
-def _thrust_rows(found: Certificate) -> Rows:
+def _thrust_rows(found: Certificate) -> TableRows:
     """The largest share of its Δv that a craft burns, and the smallest burn, if asked for."""
     rows = []
     if (share := found.largest_share) is not None:
@@ -136,7 +136,7 @@ def _thrust_rows(found: Certificate) -> Rows:
     return rows
 
 
-def _separation_rows(found: Certificate) -> Rows:
+def _separation_rows(found: Certificate) -> TableRows:
     if found.min_separation_pair is None or found.min_separation_bound is None:
         return [("Least separation", "one craft, no pair")]
     i, j = found.min_separation_pair
@@ -149,7 +149,7 @@ def _separation_rows(found: Certificate) -> Rows:
     ]
 
 
-def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
+def _clearance_rows(label: str, clear: Clearance | None) -> TableRows:
     """The least distance of participants beyond what their sizes ask for, where these differ."""
     if clear is None:
         return []
@@ -162,7 +162,7 @@ def _clearance_rows(label: str, clear: Clearance | None) -> Rows:
     ]
 
 
-def _corridor_rows(inside: CorridorMargin | None) -> Rows:
+def _corridor_rows(inside: CorridorMargin | None) -> TableRows:
     if inside is None:
         return []
     where = f"craft {inside.craft} in corridor {inside.corridor}, at {inside.time:.1f} s"
@@ -173,7 +173,7 @@ def _corridor_rows(inside: CorridorMargin | None) -> Rows:
     ]
 
 
-def _waypoint_rows(found: Certificate) -> Rows:
+def _waypoint_rows(found: Certificate) -> TableRows:
     errors = (
         ("position", "m", found.waypoint_error),
         ("velocity", "m/s", found.waypoint_velocity_error),
@@ -185,7 +185,7 @@ def _waypoint_rows(found: Certificate) -> Rows:
     ]
 
 
-def _risk_rows(found: Certificate) -> Rows:
+def _risk_rows(found: Certificate) -> TableRows:
     """The risk, if it was limited, and the errors that it refers to."""
     risk = found.risk
     if risk is None:
@@ -202,7 +202,7 @@ def _risk_rows(found: Certificate) -> Rows:
         sigmas += f"; {fixed:.3g} m/s of any burn"
     without = MISSING if risk.fuel_without is None else f"{risk.fuel_without:.6g} m/s²"
     feedback, how = risk.feedback, "in open loop" if risk.feedback is None else "with feedback"
-    corrections: Rows = []
+    corrections: TableRows = []
     if feedback is not None:
         corrections = [
             ("Part of it: corrections beyond the thrust limit", f"{feedback.saturation:.3g}"),
@@ -217,7 +217,7 @@ def _risk_rows(found: Certificate) -> Rows:
     ]
 
 
-def _passive_safety_rows(found: Certificate) -> Rows:
+def _passive_safety_rows(found: Certificate) -> TableRows:
     drifting = found.passive_safety
     if drifting is None:
         return []
@@ -235,7 +235,7 @@ def _passive_safety_rows(found: Certificate) -> Rows:
     ]
 
 
-def scenario_rows(scenario: Scenario) -> Rows:
+def scenario_rows(scenario: Scenario) -> TableRows:
     """The scenario: labels, and values with their units."""
     problem = scenario.problem
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
@@ -257,7 +257,7 @@ def scenario_rows(scenario: Scenario) -> Rows:
     ]
 
 
-def _size_rows(scenario: Scenario) -> Rows:
+def _size_rows(scenario: Scenario) -> TableRows:
     inside = [(f"Corridor {k}", _corridor(one)) for k, one in enumerate(scenario.corridors)]
     if not scenario.sized:
         return inside
@@ -275,7 +275,7 @@ def _corridor(one: Corridor) -> str:
     return f"{one.inside}, {who}, {one.begin:g} to {one.end:g} s"
 
 
-def _limit_rows(scenario: Scenario) -> Rows:
+def _limit_rows(scenario: Scenario) -> TableRows:
     """What the scenario says of thrust beyond a limit on its components."""
     thrust, kind = scenario.problem.thrust, ""
     if thrust.model != COMPONENTS:
@@ -311,7 +311,7 @@ def _windows(no_burn: Windows) -> str:
     return ", ".join(f"{begin:g} to {end:g} s" for begin, end in no_burn)
 
 
-def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
+def _orbit_rows(orbit: ReferenceOrbit | None) -> TableRows:
     if orbit is None:
         return []
     shape = f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°"
@@ -322,7 +322,7 @@ def _orbit_rows(orbit: ReferenceOrbit | None) -> Rows:
     ]
 
 
-def planner_rows(plan: Plan, claimed_status: str) -> Rows:
+def planner_rows(plan: Plan, claimed_status: str) -> TableRows:
     """What the file says of the planner and its run."""
     rows = [
         ("Planner", plan.planner),

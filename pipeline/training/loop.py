@@ -51,7 +51,7 @@ class Trained:
 
 
 @dataclass(frozen=True, eq=False)
-class Objective:
+class TrainingObjective:
     """Loss and validation score of a network, on the device of its batches."""
 
     architecture: Architecture
@@ -133,7 +133,7 @@ def train(
     with torch.random.fork_rng(devices, device_type=chosen.type):
         torch.manual_seed(seed)
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(chosen)
-        objective = Objective(architecture, network, encoding, recipe)
+        objective = TrainingObjective(architecture, network, encoding, recipe)
         preparation = Preparation(architecture, encoding, chosen)
         data = batches(train, preparation), batches(valid, preparation)
         prepared = time.perf_counter()
@@ -147,7 +147,7 @@ def train(
     return Trained(model, history, best, seconds, str(chosen), torch.get_num_threads(), buffer)
 
 
-def _warm_up(objective: Objective, data: Batches) -> None:
+def _warm_up(objective: TrainingObjective, data: Batches) -> None:
     """Train a copy for one step, since the first imports and compiles, for seconds or minutes."""
     copy = replace(objective, network=deepcopy(objective.network))
     batch = next(iter(data.in_order(2)))
@@ -156,7 +156,7 @@ def _warm_up(objective: Objective, data: Batches) -> None:
 
 
 def _improve(
-    objective: Objective, train: Batches, valid: Batches, seed: int, progress: Progress
+    objective: TrainingObjective, train: Batches, valid: Batches, seed: int, progress: Progress
 ) -> tuple[tuple[Epoch, ...], int]:
     """Train the network for all epochs, restore the best weights, and return the best epoch."""
     recipe, epochs = objective.recipe, objective.recipe.epochs
@@ -186,7 +186,7 @@ def _improve(
 
 
 def pass_over(
-    objective: Objective, descent: Descent, data: Batches, order: torch.Generator
+    objective: TrainingObjective, descent: Descent, data: Batches, order: torch.Generator
 ) -> float:
     """One epoch of steps on batches in random order; returns the mean loss."""
     objective.network.train()

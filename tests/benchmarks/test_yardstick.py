@@ -31,7 +31,7 @@ from benchmarks.yardstick import (
     CASES,
     PEERS,
     Peer,
-    Planning,
+    PeerPlanning,
     _figures,
     case_row,
     cost,
@@ -182,7 +182,7 @@ def test_a_foreign_planner_that_takes_too_long_is_ended_and_its_row_says_so():
     assert row["time, s"].startswith("no plan in ")
     assert float(row["time, s"].split()[3]) >= 1
     assert row["safe at nodes"] == "0 of 0"
-    first = Planning(PEERS[0], 1)
+    first = PeerPlanning(PEERS[0], 1)
     first.plan(draw("rings", 2022, 4, 0, Problem()))
     first.over = 1.2
     assert _figures(first, first, np.ones(1))["time, s"].endswith(", then ended")

@@ -18,7 +18,13 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain, tensor
 from pipeline.networks.refiner.arrays import constant, njit, rows, where
-from pipeline.networks.refiner.shapes import EndStates, Gains, PerPlane, RelativeEnds, Vectors
+from pipeline.networks.refiner.shapes import (
+    AnyEndStates,
+    Gains,
+    PerPlane,
+    PlaneVectors,
+    RelativeEnds,
+)
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
@@ -76,7 +82,9 @@ def grid_of(problem: Problem, device: Any = None) -> Grid:
     return Grid(problem.nodes, drift, reach, free, ends)
 
 
-def in_units(states: EndStates, radius: Float[Any, "b"], problem: Problem) -> Float[Array, "N 6"]:
+def in_units(
+    states: AnyEndStates, radius: Float[Any, "b"], problem: Problem
+) -> Float[Array, "N 6"]:
     """States of all craft, swarm after swarm, from m and m/s to r_col and r_col/Δt, as numpy's."""
     return (plain(states) * per_step(problem) / plain(radius)[:, None, None]).reshape(-1, 6)
 
@@ -161,7 +169,7 @@ class Scene:
     share: PerPlane  # time, as a share of the interval; no gradient runs through it
     ends: RelativeEnds  # states relative to the second craft at both ends of the interval
     distance: PerPlane  # between both craft
-    along: Vectors  # unit vector along the gap, from the second craft: the normal
+    along: PlaneVectors  # unit vector along the gap, from the second craft: the normal
     gain: Gains  # how the craft's controls move it along the normal
 
     def like(self, other: Any) -> "Scene":
@@ -175,7 +183,7 @@ def scene_of(interval: Int[Any, "L"], share: PerPlane, ends: RelativeEnds, grid:
     return Scene(interval, share, ends, distance, along, gains(interval, share, along, grid))
 
 
-def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, Vectors]:
+def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, PlaneVectors]:
     """Distance and unit normal of each pair; where they touch, one normal to their motion."""
     gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
@@ -184,7 +192,7 @@ def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, Vectors]:
     return (gap * along).sum(axis=1), along
 
 
-def gains(interval: Int[Any, "L"], share: PerPlane, along: Vectors, grid: Grid) -> Gains:
+def gains(interval: Int[Any, "L"], share: PerPlane, along: PlaneVectors, grid: Grid) -> Gains:
     """How the controls of the first craft move it along a normal at a share of an interval."""
     weights = _hermite(like(share, along))[:, :, None] * along[:, None]  # (L, 4, 3)
     return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
@@ -195,21 +203,23 @@ def positions(ends: RelativeEnds, share: Float[Any, "*k L"]) -> Float[Any, "*k L
     return _weighted(_hermite(like(share, ends)), ends)
 
 
-def velocities(ends: RelativeEnds, share: PerPlane) -> Vectors:
+def velocities(ends: RelativeEnds, share: PerPlane) -> PlaneVectors:
     """Relative velocities at a share of an interval."""
     s = like(share, ends)
     weights = [6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)]
     return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
-def accelerations(ends: RelativeEnds, share: PerPlane) -> Vectors:
+def accelerations(ends: RelativeEnds, share: PerPlane) -> PlaneVectors:
     """Relative accelerations at a share of an interval."""
     s = like(share, ends)
     weights = [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2]
     return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
-def passing(ends: RelativeEnds, share: PerPlane, along: Vectors) -> tuple[Vectors, PerPlane]:
+def passing(
+    ends: RelativeEnds, share: PerPlane, along: PlaneVectors
+) -> tuple[PlaneVectors, PerPlane]:
     """Unit vector of the relative motion perpendicular to a normal, and the relative speed."""
     speed = velocities(ends, share)
     past = speed - (speed * along).sum(axis=1)[:, None] * along
@@ -229,7 +239,7 @@ def _weighted(weights: Float[Any, "*k L 4"], ends: RelativeEnds) -> Float[Any, "
     return namespace(ends).einsum(each, weights, ends.reshape(-1, 4, 3))
 
 
-def _across(vector: Vectors) -> Vectors:
+def _across(vector: PlaneVectors) -> PlaneVectors:
     """A vector perpendicular to each, also to a zero vector."""
     xp = namespace(vector)
     axis = rows(like(np.eye(3), vector), xp.argmin(abs(vector), axis=1))
@@ -237,11 +247,11 @@ def _across(vector: Vectors) -> Vectors:
     return xp.where(_length(across) < STILL, axis, across)
 
 
-def _unit(vector: Vectors) -> Vectors:
+def _unit(vector: PlaneVectors) -> PlaneVectors:
     return vector / namespace(vector).clip(_length(vector), 1e-12, None)
 
 
-def _length(vector: Vectors) -> Float[Any, "L 1"]:
+def _length(vector: PlaneVectors) -> Float[Any, "L 1"]:
     return namespace(vector).linalg.vector_norm(vector, axis=1, keepdims=True)
 
 

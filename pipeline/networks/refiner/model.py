@@ -25,11 +25,18 @@ import numpy as np
 from safetensors.numpy import load as arrays_from
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain
-from pipeline.networks.document import Answer, Ends, portions, read_model, read_weights
+from pipeline.networks.document import Answer, EndStates, portions, read_model, read_weights
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import geometry, programs
 from pipeline.networks.refiner.arrays import cast, constant, rows, sigmoid, with_rows
-from pipeline.networks.refiner.shapes import Controls, EndStates, Gains, PerPlane, PerSide, PerSwarm
+from pipeline.networks.refiner.shapes import (
+    AnyEndStates,
+    FlatControls,
+    Gains,
+    PerPlane,
+    PerSide,
+    PerSwarm,
+)
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 
@@ -174,7 +181,7 @@ class ProblemData:
     met: geometry.Encounters  # the encounters that are considered
     swarm: Int[Any, "E"]  # index of the swarm of each of these
 
-    def fuel(self, controls: Controls) -> PerSwarm:
+    def fuel(self, controls: FlatControls) -> PerSwarm:
         """Σ‖u‖₁ of each swarm."""
         return abs(controls).sum(axis=1).reshape(-1, self.n).sum(axis=1)
 
@@ -183,7 +190,7 @@ class ProblemData:
 class Iterate:
     """The state of the iteration after a round."""
 
-    controls: Controls  # of all craft
+    controls: FlatControls  # of all craft
     states: Float[Any, "N T 6"]  # node states under these controls
     near: geometry.EncounterGeometry  # closest approaches of the encounters
     dual: Float[Any, "E 2"]  # of each plane in this round's programs, for each craft
@@ -191,7 +198,11 @@ class Iterate:
 
 
 def problem_data(
-    problem: Problem, initial: EndStates, goal: EndStates, radius: PerSwarm, device: Any = None
+    problem: Problem,
+    initial: AnyEndStates,
+    goal: AnyEndStates,
+    radius: PerSwarm,
+    device: Any = None,
 ) -> ProblemData:
     """Planning problems from states in m and m/s, as tensors on a torch ``device`` if given."""
     grid, n = geometry.grid_of(problem), initial.shape[1]
@@ -285,7 +296,7 @@ def _with_first_duals(
 
 
 def _node_features(
-    sides: Sides, craft: Int[Any, "L 2"], dual: PerSide, data: ProblemData, controls: Controls
+    sides: Sides, craft: Int[Any, "L 2"], dual: PerSide, data: ProblemData, controls: FlatControls
 ) -> Float[Any, "L 2 3"]:
     """Node features of both craft: number of planes, sum of duals, fuel beyond the optimum."""
     xp = namespace(dual)
@@ -299,7 +310,7 @@ def _node_features(
 
 def cheapest_safe(
     weights: Weights | None, data: ProblemData, rounds: int
-) -> tuple[Controls, Bool[Any, "b"]]:
+) -> tuple[FlatControls, Bool[Any, "b"]]:
     """The cheapest safe iterate of each swarm, or the last one if none is; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
@@ -359,14 +370,16 @@ class TrainedRefiner:
         """The same weights for another problem."""
         return replace(self, problem=problem)
 
-    def answer(self, initial: Ends, goal: Ends, collision_radius: float) -> Float[Array, "b n _ 3"]:
+    def answer(
+        self, initial: EndStates, goal: EndStates, collision_radius: float
+    ) -> Float[Array, "b n _ 3"]:
         """Controls of each swarm, m/s²."""
         radius = np.full(len(initial), collision_radius)
         every = portions(initial, goal, self.problem.nodes, self.device)
         return np.concatenate([self.controls(initial[k], goal[k], radius[k]) for k in every])
 
     def controls(
-        self, initial: EndStates, goal: EndStates, radius: PerSwarm
+        self, initial: AnyEndStates, goal: AnyEndStates, radius: PerSwarm
     ) -> Float[Array, "b n intervals 3"]:
         """Controls, m/s², of swarms that fit in memory together, each with its collision radius.
 

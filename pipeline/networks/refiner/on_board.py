@@ -22,7 +22,7 @@ from pipeline.arrays import Float
 from pipeline.networks.refiner import geometry, model
 from pipeline.networks.refiner.geometry import Scene, positions
 from pipeline.networks.refiner.refiner import MessagePassing
-from pipeline.networks.refiner.tensors import Decoupled, decoupled_optima, is_minimum, nearest
+from pipeline.networks.refiner.tensors import TensorDecoupled, decoupled_optima, is_minimum, nearest
 from pipeline.orbit.problem import Problem
 
 # Inputs and outputs of steps, and the steps.
@@ -131,7 +131,7 @@ class Step(nn.Module):
         """The outputs, from the craft's values by name, in r_col and Δt."""
         raise NotImplementedError
 
-    def own(self, craft: SimpleNamespace) -> Decoupled:
+    def own(self, craft: SimpleNamespace) -> TensorDecoupled:
         """The decoupled optimum, in a batch of one."""
         ends = craft.initial[None], craft.goal[None]
         return decoupled_optima(*ends, self.grid, self.problem)

@@ -37,13 +37,13 @@ DRAWS = 2  # swarms of each
 
 AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``on_board.VALUES``
 # Runs a step, by its name, on what one craft knows, and returns its outputs by name
-Run = Callable[[str, AgentMemory], Mapping[str, Any]]
+StepRunner = Callable[[str, AgentMemory], Mapping[str, Any]]
 # One side of an encounter: a craft, its index among that craft's, the other craft, the index there
 Edge = tuple[int, int, int, int]
 
 
 def fly_rounds(
-    run: Run, initial: Formation, goal: Formation, r_col: float, *, rounds: int
+    run: StepRunner, initial: Formation, goal: Formation, r_col: float, *, rounds: int
 ) -> Iterator[Float[Array, "n m"]]:
     """Run the steps of all craft of a swarm: controls, m/s², at first and after each round."""
     swarm: list[AgentMemory] = [
@@ -64,7 +64,7 @@ def fly_rounds(
         yield np.stack([craft["controls"] for craft in swarm])
 
 
-def _find_encounters(run: Run, swarm: Sequence[AgentMemory]) -> list[Edge]:
+def _find_encounters(run: StepRunner, swarm: Sequence[AgentMemory]) -> list[Edge]:
     """The encounters that each craft finds by itself, as edges from both sides."""
     places: dict[tuple[int, int, int], int] = {}
     for k, craft in enumerate(swarm if len(swarm) > 1 else ()):

@@ -8,11 +8,11 @@ from typing import Any
 
 from pipeline.arrays import Float
 
-EndStates = Float[Any, "b n 6"]
-Controls = Float[Any, "N m"]
+AnyEndStates = Float[Any, "b n 6"]
+FlatControls = Float[Any, "N m"]
 PerSwarm = Float[Any, "b"]
 PerPlane = Float[Any, "L"]
 PerSide = Float[Any, "L 2"]  # for either craft of a plane
-Vectors = Float[Any, "L 3"]
+PlaneVectors = Float[Any, "L 3"]
 Gains = Float[Any, "L m"]  # effects of a craft's controls
 RelativeEnds = Float[Any, "L 2 6"]  # first craft less second, at both ends of the interval

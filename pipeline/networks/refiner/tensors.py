@@ -20,7 +20,7 @@ from pipeline.networks.device import torch_device
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.arrays import where
 from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
-from pipeline.networks.refiner.shapes import EndStates, PerSwarm
+from pipeline.networks.refiner.shapes import AnyEndStates, PerSwarm
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
@@ -32,7 +32,7 @@ PIVOTS_AT_ONCE = 4  # pivots of all programs, before those that are solved are l
 # Encounters: which craft come close to each other, and when.
 
 
-class Encounters(geometry.Encounters):
+class TensorEncounters(geometry.Encounters):
     """Encounters whose closest approaches are found all at once."""
 
     @property
@@ -63,7 +63,7 @@ class Encounters(geometry.Encounters):
         return geometry.EncounterGeometry(share, distance, minimum)
 
 
-def encounters(states: Float[Tensor, "N T 6"], n: int) -> Encounters:
+def encounters(states: Float[Tensor, "N T 6"], n: int) -> TensorEncounters:
     """As ``geometry.encounters``, some swarms at a time."""
     within = geometry.extents(states, n) * geometry.NEAR_OF_EXTENT
     within = within.clamp(min=geometry.NEAR)
@@ -81,7 +81,7 @@ def encounters(states: Float[Tensor, "N T 6"], n: int) -> Encounters:
         which = which[closest <= reach.flatten()[which]]
         swarm, pair = k + which // (len(i) * (T - 1)), which // (T - 1) % max(1, len(i))
         found.append(torch.stack([swarm * n + i[pair], swarm * n + j[pair], which % (T - 1)]))
-    return Encounters(*torch.cat(found, dim=1))
+    return TensorEncounters(*torch.cat(found, dim=1))
 
 
 def stays_beyond(ends: Float[Tensor, "L 2 6"], within: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
@@ -170,7 +170,7 @@ class PaddedSides(Sides):
 
 
 @dataclass(frozen=True, eq=False)
-class Decoupled(programs.Decoupled):
+class TensorDecoupled(programs.Decoupled):
     """Decoupled optima from which programs are solved all at once."""
 
     def optima(
@@ -238,7 +238,7 @@ class Decoupled(programs.Decoupled):
 
 def decoupled_optima(
     initial: Float[Tensor, "C 6"], goal: Float[Tensor, "C 6"], grid: Grid, problem: Problem
-) -> Decoupled:
+) -> TensorDecoupled:
     """As ``programs.decoupled_optima``."""
     table, device = facets_of(problem), initial.device
     if table is None:
@@ -264,7 +264,7 @@ def decoupled_optima(
     tableau = (inverse * units) @ grid.reach[-6:].T[other].mT
     value = (inverse @ miss[..., None])[..., 0]
     controls = miss.new_zeros(C, m).scatter(1, basic, value)
-    return Decoupled(controls, basic, other, side, tableau, (side[:, None] @ tableau)[:, 0])
+    return TensorDecoupled(controls, basic, other, side, tableau, (side[:, None] @ tableau)[:, 0])
 
 
 def _facet_met(
@@ -378,7 +378,7 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
 
 
 def planned_on(
-    trained: model.TrainedRefiner, initial: EndStates, goal: EndStates, radius: PerSwarm
+    trained: model.TrainedRefiner, initial: AnyEndStates, goal: AnyEndStates, radius: PerSwarm
 ) -> Float[Array, "N m"]:
     """Controls that the refiner finds on its device for all craft of several swarms, in r_col/Δt².
 
@@ -398,7 +398,11 @@ def planned_on(
 
 
 def problem_data(
-    problem: Problem, initial: EndStates, goal: EndStates, radius: PerSwarm, device: torch.device
+    problem: Problem,
+    initial: AnyEndStates,
+    goal: AnyEndStates,
+    radius: PerSwarm,
+    device: torch.device,
 ) -> model.ProblemData:
     """As ``model.problem_data``, all of which is on a device."""
     grid, n = geometry.grid_of(problem, device), initial.shape[1]

@@ -17,8 +17,8 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.figures.intervals import wilson
 from pipeline.flight.effects import effects, flight_report
-from pipeline.flight.encounters import OF_CORRIDORS, OF_SIZES
 from pipeline.flight.errors import COLD_GAS, Errors, draws
+from pipeline.flight.least_distances import OF_CORRIDORS, OF_SIZES
 from pipeline.flight.loops import Loop, fly_loops
 from pipeline.flight.montecarlo import FIELDS, TrialSettings, fly_all
 from pipeline.flight.trials import fly_trials, open_loop

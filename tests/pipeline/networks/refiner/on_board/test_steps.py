@@ -112,7 +112,7 @@ def own_of(problem, initial, goal):
 
 def as_tensors(own):
     """The decoupled optima as tensors."""
-    return tensors.Decoupled(*map(torch.from_numpy, vars(own).values()))
+    return tensors.TensorDecoupled(*map(torch.from_numpy, vars(own).values()))
 
 
 def test_one_craft_s_program_is_that_of_many():

@@ -20,7 +20,7 @@ craft or, numbered on after the craft, an obstacle."""
 
 
 @dataclass(frozen=True, eq=False)
-class Encounters:
+class LeastDistances:
     """The least distances in each trial over a time span."""
 
     craft: Nearest  # of any two craft
@@ -28,9 +28,9 @@ class Encounters:
     sized: Nearest | None = None
     inside: Nearest | None = None  # of craft inside of their corridors; None where there are none
 
-    def nearer(self, other: "Encounters") -> "Encounters":
+    def nearer(self, other: "LeastDistances") -> "LeastDistances":
         """The least distances over both time spans."""
-        return Encounters(
+        return LeastDistances(
             smaller_separation(self.craft, other.craft),
             self.sized and other.sized and smaller_separation(self.sized, other.sized),
             self.inside and other.inside and smaller_separation(self.inside, other.inside),
@@ -71,7 +71,7 @@ class Surroundings:
             states[:, k], states[:, k + 1] = arc[:, 0, 0], arc[:, -1, -1]
         return states
 
-    def encounters(self, arcs: Float[Any, "K n M q 6"], interval: int) -> Encounters:
+    def least_distances(self, arcs: Float[Any, "K n M q 6"], interval: int) -> LeastDistances:
         """The least distances in an interval, by the arcs of the craft of K trials."""
         h = self._scenario.problem.time_step
         when, sized, inside = (interval * h, h), None, None
@@ -82,7 +82,7 @@ class Surroundings:
             sized = nearest_between(both, both, self._swarms.pairs, *when, self._swarms)
         if len(self._faces):
             inside = least_margin(plain(arcs), self._faces, *when)
-        return Encounters(nearest(arcs, *when), sized, inside)
+        return LeastDistances(nearest(arcs, *when), sized, inside)
 
 
 def _obstacle_arcs(scenario: Scenario, world: World) -> Iterator[Float[Array, "m M q 6"]]:
