@@ -26,9 +26,9 @@ help: ## list the targets
 TOO_OLD := prolearn needs Python 3.11 or later; $(PYTHON) is %d.%d: make PYTHON=python3.13, or another
 
 # torch by pip's own choice of build, with CUDA or without; all else as it is locked, and no resolver:
-# by uv, which takes a fifth of pip's time, and by pip where uv reaches no index that pip's own
-# settings name.
-INSTALL = $(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --requirement $(1) || \
+# by uv, which takes a fifth of pip's time and trusts the certificates of the system as pip does, and
+# by pip where uv reaches no index that pip's own settings name.
+INSTALL = $(BIN)/uv pip install --quiet --system-certs --python $(BIN)/python --no-deps --requirement $(1) || \
 	$(BIN)/python -m pip install --quiet --no-compile --no-deps --requirement $(1)
 
 $(BIN)/prolearn: pyproject.toml requirements/run.txt
@@ -154,7 +154,7 @@ docs: $(BIN)/sphinx-build ## the documentation as pages, in build/docs
 	@echo "Documentation: build/docs/index.html"
 
 UPGRADE ?=
-UNIVERSAL = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11.2 --no-annotate --custom-compile-command 'make lock' $(UPGRADE)
+UNIVERSAL = $(BIN)/uv pip compile pyproject.toml --quiet --system-certs --universal --python-version 3.11.2 --no-annotate --custom-compile-command 'make lock' $(UPGRADE)
 lock: $(BIN)/prolearn ## exact versions for every Python and platform; UPGRADE=--upgrade takes the newest
 	$(UNIVERSAL) --all-extras --output-file constraints.txt
 	$(UNIVERSAL) --constraint constraints.txt --output-file requirements/light.txt

@@ -5,19 +5,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from json import dumps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mlflow
 from mlflow.exceptions import MlflowException
 
 from pipeline.errors import InputError
-from pipeline.networks.model import Model
-from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.scratch import scratch_folder
 from registry.entities import own_tags, pages, recorded, utc_time, warn, whole_number
 from registry.environment import MADE_WITH
 from registry.store import TRAINING, Store, opened
+
+if TYPE_CHECKING:
+    from pipeline.networks.model import Model
 
 PREFIX = "prolearn-"
 CHAMPION = "champion"
@@ -148,8 +149,11 @@ def resolve(reference: str) -> ModelVersion:
         return _find(store, reference)
 
 
-def load(reference: str | ModelVersion) -> tuple[Model, ModelVersion]:
+def load(reference: str | ModelVersion) -> "tuple[Model, ModelVersion]":
     """A registered network and its version, by safetensors and JSON; InputError if not sound."""
+    # With torch, which is slow to import, and which no list of models needs.
+    from pipeline.networks.model import load as load_network
+
     with opened(create=False) as store, scratch_folder() as scratch:
         version = reference if isinstance(reference, ModelVersion) else _find(store, reference)
         mlflow.artifacts.download_artifacts(

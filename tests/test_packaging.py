@@ -107,3 +107,9 @@ def test_workers_import_nothing_that_they_do_not_need():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_lists_of_models_and_reports_import_no_torch():
+    code = "import sys, cli.jobs.report\nassert 'torch' not in sys.modules, 'torch is imported'"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -16,8 +16,8 @@ from pipeline.networks.refiner.model import FOLDER, SAFE, STEADY
 from pipeline.networks.refiner.on_board import STEPS, outputs, value
 from pipeline.networks.refiner.on_board_export import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board_export import ExportedCraft, export_craft
+from registry.metrics import model_metric_by_size
 from registry.models import PREFIX, ModelVersion, load
-from registry.training import model_metric_by_size
 
 PACKAGED = "packaged"  # the refiner that comes with the package, which is in no registry
 Measured = Mapping[str, Mapping[int, float]]  # metrics of experiment 2 by name, then by swarm size

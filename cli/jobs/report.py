@@ -20,10 +20,10 @@ from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
 from pipeline.storage import MANIFEST
 from registry.environment import versions_of
+from registry.metrics import training_tables
 from registry.models import ModelVersion, list_versions
 from registry.results import FILES, TABLE, Run, arrays_of, evaluation, latest, unusable_file
 from registry.store import FLIGHTS, TRANSFER_TIMES, WARMSTART
-from registry.training import training_tables
 
 EVALUATED = "Experiments 1 and 2, examples"  # name of the evaluation among a report's parts
 DATA = ("dataset_digest",)

@@ -21,10 +21,10 @@ from pipeline.figures.transfer import transfer_figure
 from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario
 from pipeline.scratch import scratch_folder
+from registry.metrics import add_model_results
 from registry.models import ModelVersion
 from registry.results import TABLE, Run, experiment_run, table_of, unusable_file
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
-from registry.training import add_model_results
 
 # The averages that a model's run has, by the name of its metric
 COMPARED = {

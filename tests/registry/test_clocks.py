@@ -8,10 +8,11 @@ import pytest
 
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
+from registry.metrics import add_model_results, model_metric_by_size
 from registry.models import resolve
 from registry.results import earlier_run, evaluation, latest, record
 from registry.store import EVALUATION, connect, recorded_run
-from registry.training import DatasetInfo, add_model_results, model_metric_by_size, record_training
+from registry.training import DatasetInfo, record_training
 
 TABLE = pd.DataFrame({"n": [1]})
 
@@ -31,7 +32,7 @@ record(EVALUATION, pd.DataFrame({"n": [2]}), params={"trials": 2})
 
 ADDS = """
 from pathlib import Path
-from registry.training import add_model_results
+from registry.metrics import add_model_results
 from registry.models import resolve
 
 values = {0: {"exp1_flown_fuel": 0.5}, 10: {"exp2_flown_fuel": 0.25}}

@@ -15,7 +15,8 @@ from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained
-from registry.training import DatasetInfo, add_model_results, record_training
+from registry.metrics import add_model_results
+from registry.training import DatasetInfo, record_training
 
 SCENARIO = draw("dense", 0, 6, 1, Problem(), "valid")
 

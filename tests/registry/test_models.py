@@ -18,9 +18,10 @@ from pipeline.experiments.trainings import training_table
 from pipeline.files import write_text
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
+from registry.metrics import training_tables
 from registry.models import ModelVersion, list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
-from registry.training import DatasetInfo, record_training, training_tables
+from registry.training import DatasetInfo, record_training
 
 
 class Project:

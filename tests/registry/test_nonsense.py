@@ -29,16 +29,11 @@ from pipeline.figures.transfer import Example
 from pipeline.networks.architecture import recipe_for
 from pipeline.training.loop import Epoch, Trained
 from registry.environment import versions_of
+from registry.metrics import add_model_results, model_metric_by_size, training_tables
 from registry.models import champion_of, list_versions, load, newest_trainings, resolve
 from registry.results import arrays_of, evaluation, record
 from registry.store import EVALUATION
-from registry.training import (
-    DatasetInfo,
-    add_model_results,
-    model_metric_by_size,
-    record_training,
-    training_tables,
-)
+from registry.training import DatasetInfo, record_training
 
 TEXTS = ["", "abc", "1.5", "1e309", "NaN", "9" * 5000, "[" * 5000, "\x1b[31m\n", "'; --", "١٢"]
 TRIALS = pd.DataFrame(one_size(10))
@@ -180,7 +175,7 @@ def test_an_evaluation_that_an_error_without_text_keeps_out_of_a_run_is_told_its
     def failing(*_: object) -> None:
         raise RuntimeError
 
-    monkeypatch.setattr("registry.training._add_metrics", failing)
+    monkeypatch.setattr("registry.metrics._add_metrics", failing)
     add_model_results(resolve("ff1/2"), {}, project / "files", dataset=("data", "d"))
     assert "is not added to its training run (RuntimeError)." in caplog.text
 
@@ -191,7 +186,7 @@ import os
 os.dup2(os.open("stderr.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
 os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = "0"
 from pathlib import Path
-from registry.training import add_model_results
+from registry.metrics import add_model_results
 from registry.models import resolve
 
 add_model_results(resolve("ff1/2"), {0: {"x": 1.0}}, Path("files"), dataset=("data", "d"))

@@ -21,6 +21,7 @@ from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy
 from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY, with_architectures
+from registry.metrics import add_model_results
 from registry.models import ModelVersion, resolve
 from registry.results import (
     arrays_of,
@@ -32,7 +33,7 @@ from registry.results import (
     unfinished_parts,
 )
 from registry.store import EVALUATION, WARMSTART, connect, recorded_run
-from registry.training import DatasetInfo, add_model_results, record_training
+from registry.training import DatasetInfo, record_training
 
 TRIALS = pd.DataFrame(
     {

@@ -1,0 +1,107 @@
+"""Metrics of models in their training runs: evaluations added, tables of trainings read."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+import pandas as pd
+from mlflow.exceptions import MlflowException
+
+from pipeline.experiments.records import EpochLosses, Training
+from pipeline.text import first_line
+from registry import entities, models
+from registry.store import Store, opened
+
+CURVES = ("train_loss", "valid_loss")
+LATEST = 2**63 - 1  # latest time that a store keeps, ms
+
+
+def add_model_results(
+    version: models.ModelVersion,
+    metrics: Mapping[int, Mapping[str, SupportsFloat]],
+    figures: Path,
+    *,
+    dataset: tuple[str, str],
+) -> None:
+    """Add an evaluation to a model's own training run, or warn where that run cannot take it.
+
+    Metrics are by step, then by name; the dataset is its folder and digest.
+    """
+    with opened(create=False) as store:
+        try:
+            if models.run_of_version(store, version.run_id) is None:
+                raise FileNotFoundError("it is gone")
+            _add_metrics(store, version, metrics)
+            used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
+            store.client.log_inputs(version.run_id, [used])
+            store.client.log_artifacts(version.run_id, str(figures), "figures")
+        except Exception as error:  # of any kind: where files are, each cloud's library has its own
+            entities.warn(
+                f"The evaluation of {version.uri} is not added to its training run "
+                f"({first_line(error)[:300]})."
+            )
+
+
+def _add_metrics(
+    store: Store, version: models.ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
+) -> None:
+    """Add metrics to a run and its model, dated after all that are there, as clocks may differ."""
+    try:
+        model = store.client.get_logged_model(version.model_id).model_id
+    except MlflowException:
+        model = None
+    names = {name for one in metrics.values() for name in one}
+    history = store.client.get_metric_history
+    known = [metric.timestamp for name in names for metric in history(version.run_id, name)]
+    stamp = min(max([entities.now(), *(time + 1 for time in known)]), LATEST)
+    added = [m for step, of in metrics.items() for m in entities.metrics_of(of, model, step, stamp)]
+    store.client.log_batch(version.run_id, metrics=added)
+
+
+def model_metric_by_size(version: models.ModelVersion, name: str) -> dict[int, float]:
+    """A metric of experiment 2 in a model's own run, by swarm size; empty where there is none."""
+    with opened(create=False) as store:
+        there = models.run_of_version(store, version.run_id) is not None
+        history = store.client.get_metric_history(version.run_id, name) if there else []
+    return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
+
+
+def training_tables(versions: Sequence[models.ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """A row for each version, columns of Training; and for each epoch, columns of EpochLosses."""
+    names = models.table_names(versions)
+    with opened(create=False) as store:
+        epochs = [e for v in versions for e in _epochs(store, v, names[v.uri])]
+    rows = [_training_row(version) | {"arch": names[version.uri]} for version in versions]
+    return (
+        pd.DataFrame(rows, columns=[field.name for field in fields(Training)]),
+        pd.DataFrame(epochs, columns=[field.name for field in fields(EpochLosses)]),
+    )
+
+
+def _training_row(version: models.ModelVersion) -> dict[str, Any]:
+    params, metrics = version.params, version.metrics
+    counts = ("parameters", "epochs", "train_instances")
+    measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
+    return {
+        **{name: getattr(version, name) for name in ("recipe", "training_seed", "version")},
+        **{name: entities.whole_number(params.get(name, "")) for name in counts},
+        **{name: metrics.get(name) for name in measured},
+        **{name: params.get(name) for name in ("device", "threads")},
+        "best_epoch": entities.whole_number(f"{metrics.get('best_epoch', math.nan):.0f}"),
+        "valid_loss": metrics.get("best_valid_loss"),
+        "seconds": metrics.get("training_seconds"),
+    }
+
+
+def _epochs(store: Store, version: models.ModelVersion, name: str) -> list[EpochLosses]:
+    if not version.params:  # its run is gone
+        return []
+    train, valid = (
+        {m.step: m.value for m in store.client.get_metric_history(version.run_id, loss)}
+        for loss in CURVES
+    )
+    key = name, version.recipe, version.training_seed
+    steps = sorted({*train, *valid})
+    return [EpochLosses(*key, k, train.get(k, math.nan), valid.get(k, math.nan)) for k in steps]
