@@ -128,7 +128,17 @@ def _fail(ctx: Any, error: Exception) -> None:
 def _stop(ctx: Any, message: str, status: int) -> None:
     # Every message is printed here, and no secret that was typed is in it.
     echo(f"prolearn: {public(message, *ctx.meta.get(TYPED, ()))}", err=True)
+    _drop_unwritable()
     raise typer.Exit(status)
+
+
+def _drop_unwritable() -> None:
+    """Drop what stdout cannot take, or Python would say so again and end with another status."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager

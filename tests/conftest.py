@@ -24,6 +24,9 @@ os.environ.setdefault("MLFLOW_SERVER_ENABLE_JOB_EXECUTION", "false")
 # Worker processes, whose imports take long, where a test asks for them and not for one a core.
 os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
 
+# Where it is set, stdout has no buffer, and nothing is left in it that cannot be written.
+os.environ.pop("PYTHONUNBUFFERED", None)
+
 # Files of tests lie in memory where there is room: what is flushed there takes no time.
 MEMORY, NEEDED = Path("/dev/shm"), 4e9  # bytes, several times what the tests write
 if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > NEEDED:
