@@ -60,23 +60,26 @@ def _normalized(source: bytes) -> bytes:
         tree = ast.parse(source)
     except (SyntaxError, ValueError):  # other people's packages have templates and compiled modules
         return source
-    for node in ast.walk(tree):
-        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-            del node.body[0]
     return "\n".join(_tree_lines(tree)).encode()
 
 
 def _tree_lines(tree: ast.Module) -> Iterator[str]:
     """A syntax tree as lines of text, different for different trees: nodes and fields by level."""
-    # Absent fields are left out, as later Pythons do.
-    for node in ast.walk(tree):
+    nodes: list[ast.AST] = [tree]
+    for node in nodes:  # which grows by each node's children
+        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            del node.body[0]
         yield type(node).__name__
-        for name, value in ast.iter_fields(node):
+        for name in node._fields:
+            value = getattr(node, name, None)
+            # Absent fields are left out, as later Pythons do.
             if isinstance(value, list) and value:
                 yield f"{name}: {len(value)}"
                 yield from (repr(one) for one in value if not isinstance(one, ast.AST))
+                nodes += (one for one in value if isinstance(one, ast.AST))
             elif isinstance(value, ast.AST):
                 yield name
+                nodes.append(value)
             elif value is not None and value != []:
                 yield f"{name}={value!r}"
 

@@ -105,7 +105,7 @@ class ConflictDetection:
             deviation = 2**0.5 * float(errors.deviation_bound(self.problem).max())
             most = within + self.back_off.sigmas * deviation
             cuts, bound = self._in_flight(flown, most, moved, spread)
-            bound = bound - self.back_off_of(cuts, flown)
+            bound = bound - self._chance_back_off(cuts, flown, self.back_off, errors)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
         if (faces := self.swarms.faces) is not None:
@@ -132,17 +132,24 @@ class ConflictDetection:
         """
         if self.back_off is None:
             return 0.0 if cuts.beyond is None else cuts.beyond
+        errors = self.back_off.dispersion(flown.controls, self.problem)
+        return self._chance_back_off(cuts, flown, self.back_off, errors)
+
+    def _chance_back_off(
+        self, cuts: Cuts, flown: Trajectory, back_off: BackOff, errors: Dispersion
+    ) -> Values:
+        """Standard deviations of each cut's separation, m; none of passive-safety cuts."""
         if cuts.other is not None:
             found, flying = np.zeros(len(cuts)), cuts.in_flight
-            found[flying] = self.back_off_of(replace(cuts[flying], other=None), flown)
+            alone = replace(cuts[flying], other=None)
+            found[flying] = self._chance_back_off(alone, flown, back_off, errors)
             return found
         problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
-        errors = self.back_off.dispersion(flown.controls, problem)
         normal = normals(cuts, flown.states, flown.controls)
         deviation = deviation_along(
             normal, (cuts.state_map, cuts.control_map), errors.of_pairs(i, j, k)
         )
-        sigmas = np.full(len(cuts), self.back_off.sigmas)
+        sigmas = np.full(len(cuts), back_off.sigmas)
         kept = problem.collision_radius + self.margin + ENDS
         for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
             at = np.flatnonzero(k == interval)

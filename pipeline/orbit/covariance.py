@@ -137,10 +137,10 @@ def dispersion(
     from scipy.linalg import block_diag  # slow to import, and only closed loops need it
 
     known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
-    responses = closed_loop_responses(problem, bool(uncertainty.latency))
-    first = _driven(responses, known, burn, thruster)
-    burn = burn_deviation(controls, problem, uncertainty, first.correction_covariance)
-    return _driven(responses, known, burn, thruster)
+    to = closed_loop_responses(problem, bool(uncertainty.latency))
+    first = _effects(to.control_to_navigation, to.control_to_burns, known, burn, thruster)
+    burn = burn_deviation(controls, problem, uncertainty, first @ first.mT)
+    return _driven(to, known, burn, thruster)
 
 
 def navigation_roots(
@@ -189,26 +189,33 @@ def _driven(
     thruster: Float[Array, "n intervals 3 4"],
 ) -> Dispersion:
     """The dispersion from linear responses to errors and square roots of their covariances."""
-    (n, m), count = burn.shape[:2], len(known)
-
-    def columns(navigation: Array, burns: Array) -> Array:
-        T, size, _ = navigation.shape
-        found = np.empty((n, T, size, count + 3 * m + 4))
-        found[..., :count] = navigation @ known
-        reach = burns.reshape(T, size, m, 3).transpose(0, 2, 1, 3) @ burn[:, None]
-        found[..., count:-4] = reach.swapaxes(2, 3).reshape(n, T, size, 3 * m)
-        found[..., -4:] = burns @ thruster.reshape(n, 1, 3 * m, 4)
-        return found
-
-    state = columns(to.state_to_navigation, to.state_to_burns)
-    control = columns(to.control_to_navigation, to.control_to_burns)
+    errors, count = (known, burn, thruster), len(known)
+    state = _effects(to.state_to_navigation, to.state_to_burns, *errors)
+    control = _effects(to.control_to_navigation, to.control_to_burns, *errors)
     correction = control @ control.mT
-    for k in range(m):
+    for k in range(burn.shape[1]):
         control[:, k, :, count + 3 * k : count + 3 * k + 3] += burn[:, k]
     control[..., -4:] += thruster
     own = 4 if thruster.any() else 0
     used = slice(None if own else -4)
     return Dispersion(state[..., used], control[..., used], correction, own)
+
+
+def _effects(
+    to_navigation: Float[Array, "T size J_s"],
+    to_burns: Float[Array, "T size _"],
+    known: Float[Array, "J_s J_s"],
+    burn: Float[Array, "n intervals 3 3"],
+    thruster: Float[Array, "n intervals 3 4"],
+) -> Float[Array, "n T size J"]:
+    """Effects of all variables by linear responses to errors of navigation and of burns."""
+    (T, size, _), (n, m), count = to_navigation.shape, burn.shape[:2], len(known)
+    found = np.empty((n, T, size, count + 3 * m + 4))
+    found[..., :count] = to_navigation @ known
+    each = found[..., count:-4].reshape(n, T * size, m, 3)  # a view
+    np.matmul(to_burns.reshape(T * size, m, 3).swapaxes(0, 1), burn, out=each.swapaxes(1, 2))
+    found[..., -4:] = to_burns @ thruster.reshape(n, 1, 3 * m, 4)
+    return found
 
 
 def burn_deviation(
