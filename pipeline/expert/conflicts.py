@@ -138,7 +138,7 @@ class ConflictDetection:
     def _chance_back_off(
         self, cuts: Cuts, flown: Trajectory, back_off: BackOff, errors: Dispersion
     ) -> Values:
-        """Standard deviations of each cut's separation, m; none of passive-safety cuts."""
+        """Back-off of each cut by errors, m: standard deviations of its pair's separation."""
         if cuts.other is not None:
             found, flying = np.zeros(len(cuts)), cuts.in_flight
             alone = replace(cuts[flying], other=None)

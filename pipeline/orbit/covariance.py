@@ -212,7 +212,7 @@ def _effects(
     (T, size, _), (n, m), count = to_navigation.shape, burn.shape[:2], len(known)
     found = np.empty((n, T, size, count + 3 * m + 4))
     found[..., :count] = to_navigation @ known
-    each = found[..., count:-4].reshape(n, T * size, m, 3)  # a view
+    each = found[..., count:-4].reshape(n, T * size, m, 3, copy=False)
     np.matmul(to_burns.reshape(T * size, m, 3).swapaxes(0, 1), burn, out=each.swapaxes(1, 2))
     found[..., -4:] = to_burns @ thruster.reshape(n, 1, 3 * m, 4)
     return found
