@@ -133,7 +133,7 @@ def _stop(ctx: Any, message: str, status: int) -> None:
 
 
 def _drop_unwritable() -> None:
-    """Drop what stdout cannot take, or Python would say so again and end with another status."""
+    """Discard buffered output that stdout cannot take; else Python fails once more at its exit."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()

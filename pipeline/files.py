@@ -45,7 +45,7 @@ def unfinished(path: Path) -> Path | None:
 
 
 def refuse_stdio(path: Path) -> None:
-    """Raise InputError for standard input or output, which as a path is named by a hyphen."""
+    """Refuse the path -, which means standard input or output, with an InputError."""
     if path.parts[:1] == STDIO.parts:
         raise InputError("'-' is standard input or output; expected the name of a file or folder.")
 

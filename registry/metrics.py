@@ -69,7 +69,7 @@ def model_metric_by_size(version: models.ModelVersion, name: str) -> dict[int, f
 
 
 def training_tables(versions: Sequence[models.ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row for each version, columns of Training; and for each epoch, columns of EpochLosses."""
+    """Tables of trainings: a row for each version, and a row for each epoch of its losses."""
     names = models.table_names(versions)
     with opened(create=False) as store:
         epochs = [e for v in versions for e in _epochs(store, v, names[v.uri])]

@@ -10,7 +10,7 @@ PACKAGES = ("pipeline", "registry", "cli", "prolearn", "benchmarks")
 
 
 def types_of(module: ast.Module) -> Iterator[str]:
-    """Classes and aliases of types that a module defines, but for type variables."""
+    """Names of the classes and type aliases that a module defines, without type variables."""
     for node in module.body:
         if isinstance(node, ast.ClassDef):
             yield node.name
@@ -19,7 +19,7 @@ def types_of(module: ast.Module) -> Iterator[str]:
 
 
 def is_type_name(target: ast.expr) -> bool:
-    """Whether a name is written as types are, with capitals and small letters."""
+    """Whether a name is in CamelCase, as those of types are."""
     if not isinstance(target, ast.Name):
         return False
     return target.id[0].isupper() and any(letter.islower() for letter in target.id)

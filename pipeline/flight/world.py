@@ -21,7 +21,7 @@ from pipeline.scenario import Scenario
 from pipeline.scenario.orbit_document import ANGLES
 
 TrialStates = Float[Any, "N 6"]
-HeldControls = Float[Any, "N 3"]  # controls
+HeldControls = Float[Any, "N 3"]  # constant over an interval, m/s²
 TrialArcs = Float[Any, "N M q 6"]  # at Chebyshev points of M pieces, both ends included
 IntervalPart = tuple[float, float]  # two shares of an interval, between which it is flown
 
