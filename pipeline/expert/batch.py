@@ -90,11 +90,12 @@ class Batch:
             return float(used.sum())
         return float((self.weight[craft] * used).max() + FUEL_SHARE * used.sum())
 
-    def least_share(self, craft: slice) -> float:
-        """Lower bound on the largest share of its Δv that any of some craft burns, or 0."""
+    def least_share(self, k: int) -> float:
+        """Lower bound on the largest share of its Δv that a craft of a scenario burns, or 0."""
         if self.weight is None or self.limits is None:
             return 0.0
-        return self.optima.least_share(self.limits, self.problem.time_step, craft)
+        shares = self.optima.lower_bound * self.problem.time_step / self.limits.delta_v
+        return float(shares[self.craft[k]].max())
 
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""

@@ -58,12 +58,10 @@ class ConicProgram:
     @cached_property
     def kept(self) -> Int[Array, "v"]:
         """Indices of the variables that may be nonzero."""
-        S, V = len(self.slots[0]), len(self.price)
-        may = np.ones((S, V), dtype=bool)
+        may = np.ones(self.variables, dtype=bool)
         if self.sub.thrust.model == COMPONENTS:
-            may = np.tile(self.limits.burns[self.slots], 2)
-        others = np.arange(S * V, self.variables)
-        return np.concatenate([np.flatnonzero(may), others])
+            may[: self.thrusts] = np.tile(self.limits.burns[self.slots], 2).ravel()
+        return np.flatnonzero(may)
 
     @cached_property
     def effect(self) -> Float[Array, "3 V"]:
@@ -89,9 +87,14 @@ class ConicProgram:
         return self.sub.thrust.objective == "fair" and self.sub.weight is not None
 
     @property
+    def thrusts(self) -> int:
+        """Number of variables of all controls, which come first."""
+        return len(self.slots[0]) * len(self.price)
+
+    @property
     def variables(self) -> int:
         """Number of variables: of controls, slacks, and in fair programs the largest share."""
-        return len(self.slots[0]) * len(self.price) + len(self.sub.required) + self.fair
+        return self.thrusts + len(self.sub.required) + self.fair
 
     def cost(self) -> Float[Array, "v"]:
         """Cost of each variable."""
@@ -132,7 +135,7 @@ class ConicProgram:
         value *= sub.unit / LENGTH
         number = np.arange(k)
         controls = self._by_slot(value, np.broadcast_to(number[:, None], value.shape[:2]))
-        slack = number, len(craft) * len(self.price) + number, -np.ones(k)
+        slack = number, self.thrusts + number, -np.ones(k)
         return _joined(controls, slack), -sub.required / LENGTH
 
     def spending(self) -> Block:
@@ -153,16 +156,15 @@ class ConicProgram:
     def bounds(self) -> Block:
         """Bound rows: signs of thrusts and slacks, and limits of components or thrusters."""
         sub, (craft, _) = self.sub, self.slots
-        S, V, k = len(craft), len(self.price), len(sub.required)
-        most = np.repeat(self.limits.component[craft] / sub.unit, V).reshape(S, V)
-        signed = np.arange(S * V, S * V + k)
+        V, end = len(self.price), self.thrusts + len(sub.required)
+        most = np.repeat(self.limits.component[craft] / sub.unit, V).reshape(-1, V)
+        signed = np.arange(self.thrusts, end)
         if self.pointed:
             most[:, 3] = self.limits.norm[craft] / sub.unit
         else:
-            signed = self.kept[self.kept < S * V + k]
+            signed = self.kept[self.kept < end]
         limits = most.ravel()
-        above = np.flatnonzero(np.isfinite(limits))
-        above = above[np.isin(above, self.kept)]
+        above = np.intersect1d(np.flatnonzero(np.isfinite(limits)), self.kept)
         below = above[above % V < 3] if self.pointed else above[:0]  # components have two
         column = np.concatenate([signed, above, below])
         sign = np.repeat([-1.0, 1.0, -1.0], [len(signed), len(above), len(below)])
@@ -224,8 +226,7 @@ class ConicProgram:
         craft, interval = self.slots
         n, m, _ = self.sub.shape
         controls = np.zeros((n, m // 3, 3))
-        S, V = len(craft), len(self.price)
-        z = x[: S * V].reshape(S, V)
+        z = x[: self.thrusts].reshape(-1, len(self.price))
         controls[craft, interval] = self.sub.unit * z @ self.effect.T
         return controls.reshape(n, m)
 
@@ -273,6 +274,6 @@ def by_cones(sub: Subproblem) -> Optimum:
         raise UnsolvableError(f"the convex solver stopped with {found.status}")
     x, z = program.solved(np.asarray(found.x)), np.asarray(found.z)
     k, end = len(sub.required), len(z) - len(program.cones()[1])
-    top = len(program.slots[0]) * len(program.price)
+    top = program.thrusts
     dual = sub.unit / LENGTH * z[end - k : end]
     return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)

@@ -48,10 +48,6 @@ class DecoupledOptima(Rows):
         proof = TABLE if self.tabled[craft].all() else PROGRAM
         return float(self.lower_bound[craft].sum()), proof
 
-    def least_share(self, limits: Limits, time_step: float, craft: slice = slice(None)) -> float:
-        """Lower bound on the largest share of its Δv that any of some craft burns."""
-        return float((self.lower_bound[craft] * time_step / limits.delta_v[craft]).max())
-
 
 def decoupled_optima(
     initial: Formation,

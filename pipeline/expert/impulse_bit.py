@@ -44,13 +44,9 @@ def _searched_again(task: SearchProblem, result: SearchResult) -> SearchResult:
         fuel = craft_fuel(result.controls, batch.problem.thrust, limits)
         found = replace(found, fuel_without=float(fuel.sum()))
     if not found.obstacle and too_small(found.controls, limits, batch.problem).any():
-        why = f"not all burns reach {_smallest_burn(batch)}"
+        why = f"not all burns reach {batch.problem.thrust.min_delta_v:g} m/s"
         found = replace(found, feasible=False, obstacle=why)
     return found
-
-
-def _smallest_burn(batch: Batch) -> str:
-    return f"{batch.problem.thrust.min_delta_v:g} m/s"
 
 
 def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResult:
@@ -91,7 +87,8 @@ def _search_with_fewer_burns(task: SearchProblem, result: SearchResult) -> Searc
         batch = Batch(batch.scenarios, limits, batch.constraints)
         if not batch.optima.feasible.all():
             k = int(batch.optima.feasible.argmin())
-            why = f"no burns of craft {k} were found of at least {_smallest_burn(batch)} each"
+            bit = batch.problem.thrust.min_delta_v
+            why = f"no burns of craft {k} were found of at least {bit:g} m/s each"
             return replace(result, convex_solves=solves, feasible=False, obstacle=why)
         (result,) = Search(replace(task, batch=batch), [result.controls]).run()
         solves += result.convex_solves

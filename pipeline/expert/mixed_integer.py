@@ -5,7 +5,6 @@ must produce their control at the least cost, as a plan stores their sum alone: 
 excluded from the start, and other sets that do not are excluded as they appear.
 """
 
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -28,25 +27,16 @@ ROUNDS = 8  # programs at most, each without the sets of thrusters found to be t
 _FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionLimit)
 
 
-@dataclass(frozen=True, eq=False)
-class _Integers:
-    """The mixed-integer program of one subproblem, in scaled variables."""
-
-    program: ConicProgram
-
-    @property
-    def thrusts(self) -> int:
-        """Number of thrusts, which are the first variables; binaries are the last."""
-        return len(self.program.slots[0]) * len(self.program.price)
+class _IntegerProgram(ConicProgram):
+    """The program without cones; binary variables of all thrusts follow its own."""
 
     def rows(self) -> tuple[sparse.csr_array, Values]:
         """Rows and b: equalities, inequalities, and thrusts that are zero or at least a bit."""
-        program, sub = self.program, self.program.sub
+        sub, N = self.sub, self.thrusts
         assert sub.thrust.min_delta_v is not None
-        parts = [program.goals(), program.spending(), program.half_spaces()]
-        known, upper = stacked(parts, program.variables, np.arange(program.variables))
-        N = self.thrusts
-        fires, rest = sparse.eye_array(N), sparse.csr_array((N, program.variables - N))
+        parts = [self.goals(), self.spending(), self.half_spaces()]
+        known, upper = stacked(parts, self.variables, np.arange(self.variables))
+        fires, rest = sparse.eye_array(N), sparse.csr_array((N, self.variables - N))
         bit = sub.thrust.min_delta_v / (sub.time_step * sub.unit)
         off = sparse.csr_array((known.shape[0], N))
         blocks: list[Any] = [
@@ -59,25 +49,22 @@ class _Integers:
 
     def most(self) -> Float[Array, "N"]:
         """Upper bounds on scaled thrusts: limits, or the number of intervals; 0 if not allowed."""
-        sub, V = self.program.sub, len(self.program.price)
-        limit = np.repeat(self.program.limits.component[self.program.slots[0]] / sub.unit, V)
-        most = np.minimum(limit, sub.reach.shape[1] / 3)
-        most[np.setdiff1d(np.arange(self.thrusts), self.program.kept)] = 0.0
+        limit = np.repeat(self.limits.component[self.slots[0]] / self.sub.unit, len(self.price))
+        most = np.minimum(limit, self.sub.reach.shape[1] / 3)
+        most[np.setdiff1d(np.arange(self.thrusts), self.kept)] = 0.0
         return np.asarray(most)
 
     def opposite(self) -> list[Int[Array, "_"]]:
         """Indices of the two variables of each pair of opposite thrusters, in every interval."""
-        effect = self.program.effect
-        V = effect.shape[1]
+        effect, V = self.effect, len(self.price)
         pairs = [
             (i, j) for i, j in combinations(range(V), 2) if (effect[:, i] == -effect[:, j]).all()
         ]
-        return [np.array(pair) + V * s for s in range(len(self.program.slots[0])) for pair in pairs]
+        return [np.array(pair) + V * s for s in range(len(self.slots[0])) for pair in pairs]
 
-    def solved(self, excluded: list[Int[Array, "_"]]) -> Float[Array, "v"]:
+    def best(self, excluded: list[Int[Array, "_"]]) -> Float[Array, "v"]:
         """The best variables in which no excluded set of thrusts is nonzero as a whole."""
-        program, N = self.program, self.thrusts
-        rows, upper = self.rows()
+        (rows, upper), N = self.rows(), self.thrusts
         width = rows.shape[1]
         sets = sparse.lil_array((len(excluded), width))
         for k, some in enumerate(excluded):
@@ -85,7 +72,7 @@ class _Integers:
         rows = sparse.csr_array(sparse.vstack([rows, sparse.csr_array(sets)]))
         upper = np.concatenate([upper, [len(some) - 1.0 for some in excluded]])
         lower = np.full(len(upper), -np.inf)
-        goals = program.goals()[1]
+        goals = self.goals()[1]
         lower[: len(goals)] = goals
         largest = np.full(width, np.inf)
         largest[:N], largest[width - N :] = self.most(), 1.0
@@ -97,7 +84,7 @@ class _Integers:
         )
         solver.passModel(
             *(width, len(upper), rows.nnz, ROWWISE, int(highspy.ObjSense.kMinimize), 0.0),
-            *(np.append(program.cost(), np.zeros(N)), np.zeros(width), largest, lower, upper),
+            *(np.append(self.cost(), np.zeros(N)), np.zeros(width), largest, lower, upper),
             *(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data),
             np.repeat([0, 1], [width - N, N]).astype(np.int32),
         )
@@ -117,19 +104,18 @@ def by_integers(sub: Subproblem) -> Optimum:
 
     Dual variables are not known, and zero. UnsolvableError where no solution is found.
     """
-    program = ConicProgram(sub)
-    integers = _Integers(program)
-    S, V, k = len(program.slots[0]), len(program.price), len(sub.required)
-    excluded = integers.opposite()
+    program = _IntegerProgram(sub)
+    N, V, k = program.thrusts, len(program.price), len(sub.required)
+    excluded = program.opposite()
     for _ in range(ROUNDS):
-        found = integers.solved(excluded)
-        fired = found[: S * V].reshape(S, V)
+        found = program.best(excluded)
+        fired = found[:N].reshape(-1, V)
         fired = np.where(fired > LIMIT_ROUNDING * fired.max(initial=0.0), fired, 0.0)
         spent, least = fired.sum(axis=1), cost(fired @ program.effect.T, sub.thrust)
         dear = np.flatnonzero(spent > least * (1 + LIMIT_ROUNDING))
         if len(dear) == 0:
-            found[: S * V] = fired.ravel()
-            slack = LENGTH * found[S * V : S * V + k]
+            found[:N] = fired.ravel()
+            slack = LENGTH * found[N : N + k]
             return Optimum(program.controls_of(found), slack, np.zeros(k))
         excluded += [V * s + np.flatnonzero(fired[s]) for s in dear]
     raise UnsolvableError("no burns were found whose thrusters fire at the least cost")

@@ -66,7 +66,7 @@ def nominal_plans(
     made = [
         Draft(
             *(result.controls, *batch.bound(k), result.convex_solves, timing),
-            least_share=batch.least_share(batch.craft[k]),
+            least_share=batch.least_share(k),
         )
         for k, result in enumerate(results)
     ]

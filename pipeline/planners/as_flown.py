@@ -41,8 +41,8 @@ from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.scenario.state_constraints import StateConstraints, state_constraints
-from pipeline.scenario.waypoint import Waypoint, node_choices, of_craft, waypoint_nodes
+from pipeline.scenario.state_constraints import StateConstraints, timed_constraints
+from pipeline.scenario.waypoint import Waypoint, waypoint_nodes
 
 MOST_CORRECTIONS = 8  # steps of Newton's method, which converges quadratically
 GOAL_TOLERANCE = np.repeat([1e-7, 1e-10], 3)  # miss of a goal that is not corrected, m and m/s
@@ -225,7 +225,7 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
 
     Where that fails to reach POSITION_TOLERANCE, the controls with the least miss.
     """
-    problem, at = scenario.problem, _constraints(scenario)
+    problem, at = scenario.problem, timed_constraints(scenario)
     tried: list[tuple[float, Controls, States]] = []  # with the miss over GOAL_TOLERANCE
     while len(tried) <= MOST_CORRECTIONS:
         try:
@@ -245,15 +245,6 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
     return tried[-1][1:]
 
 
-def _constraints(scenario: Scenario) -> StateConstraints:
-    """The constraints of goals and waypoints, all of which have times."""
-    problem, passed = scenario.problem, {}
-    for craft, some in of_craft(scenario.waypoints).items():
-        (nodes,) = node_choices(some, problem)
-        passed[craft] = [*zip(nodes, some, strict=True)]
-    return state_constraints(scenario.initial, scenario.goal, problem, passed)
-
-
 def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Draft:
     """The controls of a flight, with a fuel bound of linear programs about that flight."""
     # Where goals or times were chosen, the bound over all choices changes by as much as this.
@@ -262,13 +253,13 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
     except InputError as error:  # beyond the largest position of a scenario
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
-    found, batch = linear.certificate, Batch([shifted], constraints=_constraints(shifted))
+    found, batch = linear.certificate, Batch([shifted], constraints=timed_constraints(shifted))
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
         eased = _tightened(scenario)
-        change = bound - Batch([eased], constraints=_constraints(eased)).bound(0)[0]
+        change = bound - Batch([eased], constraints=timed_constraints(eased)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
-    least, timing = batch.least_share(batch.craft[0]), {"plan": linear.timing.get("plan", 0.0)}
+    least, timing = batch.least_share(0), {"plan": linear.timing.get("plan", 0.0)}
     proof = f"{proof}, about the flight, to first order"
     return Draft(controls, bound, proof, linear.convex_solves, timing, least)
 

@@ -76,7 +76,7 @@ def plans_from_controls(
     controls = answer(batch)
     timing = {"plan": (time.perf_counter() - started) / len(scenarios)}
     drafts = [
-        Draft(controls[craft], *batch.bound(k), timing=timing, least_share=batch.least_share(craft))
+        Draft(controls[craft], *batch.bound(k), timing=timing, least_share=batch.least_share(k))
         for k, craft in enumerate(batch.craft)
     ]
     plans = certified_plans(planner, scenarios, drafts, requirements)

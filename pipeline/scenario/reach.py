@@ -12,7 +12,7 @@ from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
 from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.scenario import Scenario
-from pipeline.scenario.state_constraints import StateConstraints, state_constraints
+from pipeline.scenario.state_constraints import StateConstraints, timed_constraints
 from pipeline.scenario.waypoint import of_craft
 
 REACHABLE = "within reach"  # the rule
@@ -36,7 +36,7 @@ def reachable(scenario: Scenario) -> Diagnostic:
     limits = scenario.limits
     if limits is None:
         return _within_max_acceleration(scenario)
-    at = _constraints(scenario)
+    at = timed_constraints(scenario)
     needs = _needs(scenario, limits, at)
     found = list(_faults(scenario, limits, needs, at))
     cases = [case for case, _ in found]
@@ -74,16 +74,6 @@ def _too_little_thrust(k: int, least: float, limit: float) -> Case:
     times = f"{least / limit:.4g} times max_acceleration"
     text = f"craft {k} needs at least {enough:.4g} m/s², {times}"
     return Case((k,), text, {"least_limit": least * (1 + LIMIT_ROUNDING)})
-
-
-def _constraints(scenario: Scenario) -> StateConstraints:
-    """Required states of each craft: goals, and waypoints where they have a time."""
-    problem, timed = scenario.problem, [one for one in scenario.waypoints if one.time is not None]
-    passed = {
-        craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
-        for craft, some in of_craft(timed).items()
-    }
-    return state_constraints(scenario.initial, scenario.goal, problem, passed)
 
 
 def _needs(scenario: Scenario, limits: Limits, at: StateConstraints) -> list[Need]:

@@ -11,7 +11,8 @@ from pipeline.orbit.arrays import Formation, States
 from pipeline.orbit.decoupled import acceleration_scale
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight, transfer_maps
-from pipeline.scenario.waypoint import Waypoint
+from pipeline.scenario.scenario import Scenario
+from pipeline.scenario.waypoint import Waypoint, of_craft
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,16 @@ class StateConstraints:
         """The largest distance, m, by which craft k without burns misses, and that in words."""
         far, fast = np.linalg.norm(self.miss[k].reshape(-1, 2, 3), axis=2).max(axis=0).tolist()
         return far, f"by drift it misses by {far:.4g} m and {fast:.4g} m/s"
+
+
+def timed_constraints(scenario: Scenario) -> StateConstraints:
+    """The constraints of a scenario's goals, and of its waypoints as far as they have a time."""
+    problem = scenario.problem
+    passed = {
+        craft: [(node, one) for one in some if (node := one.node(problem)) is not None]
+        for craft, some in of_craft(scenario.waypoints).items()
+    }
+    return state_constraints(scenario.initial, scenario.goal, problem, passed)
 
 
 def state_constraints(
