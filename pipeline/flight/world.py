@@ -4,7 +4,7 @@ The latter is about a reference orbit of given conditions.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -28,27 +28,9 @@ IntervalPart = tuple[float, float]  # two shares of an interval, between which i
 WHOLE: IntervalPart = (0.0, 1.0)
 
 
-@runtime_checkable
-class World(Protocol):
-    """Protocol of the true dynamics of craft in flight.
-
-    States are x y z vx vy vz in the LVLH frame of the reference orbit, m and m/s; controls are
-    accelerations along its axes, m/s², held constant there.
-    """
-
-    def arc(
-        self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
-    ) -> TrialArcs:
-        """States over an interval or a part of it, from initial states and constant controls."""
-
-    @property
-    def of_obstacles(self) -> "World":
-        """The same world for obstacles, which have the mean ballistic coefficient of the craft."""
-
-
 @dataclass(frozen=True)
 class LinearWorld:
-    """Motion by the linear model with which plans are made; a ``World``.
+    """Motion by the linear model with which plans are made.
 
     With a device, arcs are torch tensors on it, in float64.
     """
@@ -58,13 +40,17 @@ class LinearWorld:
 
     @property
     def of_obstacles(self) -> "LinearWorld":
-        """As ``World.of_obstacles``, by numpy: obstacles are few."""
+        """The same world for obstacles, by numpy: they are few."""
         return replace(self, device=None)
 
     def arc(
         self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
     ) -> TrialArcs:
-        """As ``World.arc``."""
+        """States over an interval or a part of it, from initial states and constant controls.
+
+        States are x y z vx vy vz in the LVLH frame of the reference orbit, m and m/s; controls are
+        accelerations along its axes, m/s², held constant there.
+        """
         begin, end = (share * self.dynamics.time_step for share in part)
         h = end - begin
         pieces = pieces_of(self.dynamics.fastest * h)
@@ -85,7 +71,7 @@ class LinearWorld:
 
 @dataclass(frozen=True)
 class NonlinearWorld:
-    """Nonlinear motion about an oblate Earth, with drag, relative to a reference; a ``World``.
+    """Nonlinear motion about an oblate Earth, with drag, relative to a reference.
 
     States are of n craft, or of the n craft of several trials, one trial after the other.
     """
@@ -97,7 +83,7 @@ class NonlinearWorld:
 
     @property
     def of_obstacles(self) -> "NonlinearWorld":
-        """As ``World.of_obstacles``."""
+        """The same world for obstacles, which have the mean ballistic coefficient of the craft."""
         return replace(self, n=1)
 
     @classmethod
@@ -109,7 +95,7 @@ class NonlinearWorld:
     def arc(
         self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
     ) -> TrialArcs:
-        """As ``World.arc``; InputError for a part of a trial with drag."""
+        """As ``LinearWorld.arc``; InputError for a part of a trial with drag."""
         count = len(states)
         if self.orbit.ballistic is None:
             ballistics = np.zeros(count)
@@ -122,6 +108,9 @@ class NonlinearWorld:
             orbit = self.orbit.later((interval + part[0]) * h)
             dynamics, interval = LinearizedDynamics(orbit, (part[1] - part[0]) * h, 1), 0
         return flown_arcs(dynamics, states, controls[:, None], ballistics, interval)[:, 0]
+
+
+World = LinearWorld | NonlinearWorld  # true dynamics of craft in flight, with the same methods
 
 
 @dataclass(frozen=True)
