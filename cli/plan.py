@@ -106,11 +106,11 @@ def plan(
     """
     from cli.jobs.planner import planner_of
     from pipeline.flight.world import in_world
+    from pipeline.orbit.dynamics import model_error
     from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
     from pipeline.planners.as_flown import AsFlown
     from pipeline.scenario.document import read_checked
-    from pipeline.scenario.validation import linear_error
 
     if not world:
         why = "without --world; expected both, or neither: add --world."
@@ -145,7 +145,8 @@ def plan(
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made)
                 problem = made.scenario.problem
-                off = 0.0 if made.as_flown else linear_error(made.states, problem).total
+                error = model_error(made.states, problem.dynamics, problem.duration).total
+                off = 0.0 if made.as_flown else error
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
                 about = asdict(problem.orbit) if made.as_flown and problem.orbit else None
                 files = {"scenario": str(path), "plan": str(target)}

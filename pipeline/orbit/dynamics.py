@@ -55,10 +55,7 @@ class ClohessyWiltshire:
     def fourth_derivative_bound(
         self, start: AnyState, control: Vector, interval: Interval = 0, since: Since = 0.0
     ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from the state ``since`` s after its start.
-
-        It gives the error of a cubic interpolant.
-        """
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from the state ``since`` s after its start."""
         # At all times x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
@@ -130,7 +127,7 @@ def _cubic_remainder(theta: Scalar) -> Scalar:
 
 @dataclass(frozen=True)
 class ModelError:
-    """Estimated error at the goal that the linear model makes, on a circular orbit."""
+    """Estimated error at the goal that the linear model makes."""
 
     reach: float  # largest distance of a craft from the origin, m
     curvature: float  # error by the neglected terms of a point mass's gravity, m
@@ -142,16 +139,18 @@ class ModelError:
         return self.curvature + self.oblateness
 
 
-def model_error(states: AnyState, mean_motion: float, duration: float) -> ModelError:
+def model_error(states: AnyState, dynamics: Dynamics, duration: float) -> ModelError:
     """Order of magnitude of the linear model's error over a transfer of so many seconds.
 
     At a distance ρ the first neglected term of gravity is some (3/2) e² ρ²/r₀, and the pull of J2
     differs by some 4 J2 (R/r₀)² e² ρ from that at the origin. A constant acceleration a
     moves a craft by a t²/2 in a time t; on relative orbits, from about half a revolution on, by
-    2 a t/e along-track. `prolearn fly` integrates instead.
+    2 a t/e along-track. About a reference orbit, J2 is in the linear model, where there is any.
+    `prolearn fly` integrates instead.
     """
-    radius, angle = radius_at(mean_motion), mean_motion * duration
+    radius, angle = radius_at(dynamics.fastest), dynamics.fastest * duration
     growth = min(angle**2 / 2, 2 * angle)
     reach = float(norm(states[..., :3]).max())
+    j2 = J2 if isinstance(dynamics, ClohessyWiltshire) else 0.0
     curvature = 1.5 * reach**2 / radius * growth
-    return ModelError(reach, curvature, 4 * J2 * (R_EARTH / radius) ** 2 * reach * growth)
+    return ModelError(reach, curvature, 4 * j2 * (R_EARTH / radius) ** 2 * reach * growth)

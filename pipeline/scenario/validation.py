@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.errors import InputError, check_kind
 from pipeline.orbit.approaches import close_approaches
-from pipeline.orbit.arrays import AnyState, Formation
-from pipeline.orbit.dynamics import ModelError, model_error
+from pipeline.orbit.arrays import Formation
+from pipeline.orbit.dynamics import model_error
 from pipeline.orbit.participants import Participants, at_the_end
 from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
@@ -253,18 +253,11 @@ def _waypoint_separation(scenario: Scenario) -> Iterator[Diagnostic]:
     yield Diagnostic(WAYPOINTS, "transfer", text, (case,), cure)
 
 
-def linear_error(states: AnyState, problem: Problem) -> ModelError:
-    """Estimated error of the linear model for a transfer between or through such states, m."""
-    found = model_error(states, problem.dynamics.fastest, problem.duration)
-    # About a reference orbit J2 is in the linear model, where there is any.
-    return found if problem.orbit is None else replace(found, oblateness=0.0)
-
-
 def _linear_model(scenario: Scenario) -> Diagnostic:
     """Whether the linear model is off by less than the collision radius."""
     problem = scenario.problem
     ends = np.concatenate([scenario.initial, scenario.goal])
-    found = linear_error(ends, problem)
+    found = model_error(ends, problem.dynamics, problem.duration)
     earth = "about an oblate Earth" if problem.orbit is None else "outside the linear model"
     off = f"{earth} craft end some {found.total:.2g} m off their goals"
     if found.total <= problem.collision_radius:

@@ -65,7 +65,7 @@ def test_the_estimate_is_of_the_size_of_what_the_integrator_finds(size, altitude
     e = problem.mean_motion
     initial = pro_states(size, 0.0, phase, 0.0, e, 0.0)
     goal = pro_states(0.8 * size, 0.3, phase, 0.0, e, 0.0)
-    estimate = model_error(np.stack([initial, goal]), problem.mean_motion, problem.duration)
+    estimate = model_error(np.stack([initial, goal]), problem.dynamics, problem.duration)
     for j2, said in ((0.0, estimate.curvature), (J2, estimate.total)):
         found = max(miss(*ends, problem, j2) for ends in zip(initial, goal, strict=True))
         assert said / 5 < found < 5 * said
