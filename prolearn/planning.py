@@ -11,7 +11,14 @@ from pipeline.errors import InputError, check_each, check_kind, check_range
 from pipeline.expert.settings import Effort
 from pipeline.flight.effects import Effect, effects, refuse_distance
 from pipeline.flight.errors import COLD_GAS, Errors
-from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, fly_loops, refuse_replanning
+from pipeline.flight.loops import (
+    MOST_SIGMAS,
+    SIGMAS,
+    TrialSettings,
+    flight_loops,
+    fly_loops,
+    refuse_replanning,
+)
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
@@ -195,7 +202,7 @@ def monte_carlo(
         planner = None if with_feedback else _planner_from(replan, plan.requirements)
     world = world_of(asked, _conditions_about(asked, conditions))
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
-    flown = fly_loops(asked, world, errors, loops, trials, seed)
+    flown = fly_loops(TrialSettings(asked, world, errors, seed), loops, trials)
     radius = asked.problem.collision_radius
     summaries = tuple(summarize(loop, flown[loop.name], radius, size) for loop in loops)
     return MonteCarlo(plan, size, flown, summaries)

@@ -12,8 +12,14 @@ from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, flight_loops, refuse_replanning
-from pipeline.flight.montecarlo import TrialSettings, fly_all
+from pipeline.flight.loops import (
+    MOST_SIGMAS,
+    SIGMAS,
+    TrialSettings,
+    flight_loops,
+    refuse_replanning,
+)
+from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import Conditions, LinearWorld, World, world_of
 from pipeline.parallel.workers import Workers

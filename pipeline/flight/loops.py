@@ -108,25 +108,39 @@ def batch_size(n: int, world: World, loop: Loop) -> int:
     return max(1, min(times * PORTION, times * 2 * MOST_PAIRS // n**2))
 
 
-def fly_loops(
-    scenario: Scenario,
-    world: World,
-    errors: Errors,
-    loops: Sequence[Loop],
-    trials: int,
-    seed: int = 0,
-) -> dict[str, Trials]:
-    """Trials of each loop by its name, all kept in memory.
+@dataclass(frozen=True, eq=False)
+class TrialSettings:
+    """What decides, with the loop, the trials of a Monte Carlo, and the size of its portions."""
 
-    InputError for no trials, more than MOST_TRIALS, or an invalid seed.
-    """
-    check_whole("trials", trials, 1, MOST_TRIALS)
-    check_seed(seed)
+    scenario: Scenario
+    world: World
+    errors: Errors
+    seed: int = 0
+    portion: int | None = None  # trials flown and kept together; None for those of a batch
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+
+    def portion_of(self, loop: Loop) -> int:
+        """Number of trials in each portion of a loop but the last."""
+        return self.portion or batch_size(self.scenario.n, self.world, loop)
+
+    def portions(self, loop: Loop, trials: int) -> list[range]:
+        """The trials of a loop, portion by portion; InputError for none, or too many."""
+        check_whole("trials", trials, 1, MOST_TRIALS)
+        step = self.portion_of(loop)
+        return [range(k, min(k + step, trials)) for k in range(0, trials, step)]
+
+    def fly(self, loop: Loop, trials: range) -> Trials:
+        """Fly a portion of a loop's trials."""
+        return loop.fly(self.scenario, self.world, self.errors, trials, self.seed)
+
+
+def fly_loops(of: TrialSettings, loops: Sequence[Loop], trials: int) -> dict[str, Trials]:
+    """Trials of each loop by its name, all kept in memory; InputError as ``portions``."""
     found: dict[str, Trials] = {}
     for loop in loops:
-        portion = batch_size(scenario.n, world, loop)
-        parts = [range(k, min(k + portion, trials)) for k in range(0, trials, portion)]
-        flown = [loop.fly(scenario, world, errors, part, seed) for part in parts]
+        flown = [of.fly(loop, part) for part in of.portions(loop, trials)]
         found[loop.name] = {name: np.concatenate([p[name] for p in flown]) for name in flown[0]}
     return found
 

@@ -10,20 +10,18 @@ that was killed goes on, and trials can be added.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from pipeline.errors import InputError, check_whole
-from pipeline.flight.errors import Errors, check_seed
+from pipeline.errors import InputError
 from pipeline.flight.least_distances import OF_CORRIDORS, OF_CRAFT, OF_SIZES
-from pipeline.flight.loops import MOST_TRIALS, Loop, batch_size
+from pipeline.flight.loops import Loop, TrialSettings
 from pipeline.flight.trials import Trials
-from pipeline.flight.world import World
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.planner import identity
 from pipeline.progress import SILENT, Progress
@@ -35,17 +33,15 @@ from pipeline.storage.ledger import Ledger, NewShard, ShardList, open_ledger, wr
 from pipeline.storage.shards import Size, decode, digest_of, encode
 
 SCHEMA = "prolearn.flight/2"
-
 OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"  # pattern of the names of shards
+# Packages, our own and others, that the bytes of trials depend on
+_OWN = "orbit", "scenario", "plan", "expert", "networks", "planners", "flight"
 MADE_BY: DecidedBy = (
-    tuple(
-        f"pipeline/{part}"
-        for part in ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
-    ),
+    tuple(f"pipeline/{part}" for part in _OWN),
     ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch"),
 )
-"""Packages, our own and others, that the bytes of trials depend on."""
 
+# Columns; those of the closest pair are null for a single craft.
 FIELDS = [
     pa.field("trial", pa.int64(), nullable=False),
     pa.field("min_separation", pa.float64()),
@@ -60,43 +56,17 @@ FIELDS = [
     pa.field("lost_craft", pa.int32(), nullable=False),
     pa.field("lost_time", pa.float64(), nullable=False),
 ]
-"""Columns; those of the closest pair are null for a single craft."""
-
+# Further columns where craft have sizes of their own or there are obstacles, or corridors
 OF_UNLIKE = {
     names: [
         pa.field(name, pa.int32() if k in (1, 2) else pa.float64()) for k, name in enumerate(names)
     ]
     for names in (OF_SIZES, OF_CORRIDORS)
 }
-"""Further columns where craft have sizes of their own or there are obstacles, or corridors."""
-
 TIMING_FIELDS = [
     FIELDS[0],
     pa.field("replan_seconds", pa.list_(pa.field("element", pa.float64(), nullable=False))),
 ]
-
-
-@dataclass(frozen=True, eq=False)
-class TrialSettings:
-    """Settings of a Monte Carlo that, with the loop, decide its trials, and the size of shards."""
-
-    scenario: Scenario
-    world: World
-    errors: Errors
-    seed: int = 0
-    portion: int | None = None  # trials in a shard; None for those of a batch
-
-    def __post_init__(self) -> None:
-        check_seed(self.seed)
-
-    def portion_of(self, loop: Loop) -> int:
-        """Number of trials in each shard of a loop but the last."""
-        return self.portion or batch_size(self.scenario.n, self.world, loop)
-
-    @cached_property
-    def made_with(self) -> Mapping[str, str]:
-        """Versions by name."""
-        return made_with(*MADE_BY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +77,7 @@ class Portion:
     loop: Loop
     number: int
     rows: range
+    made_with: Mapping[str, str]  # versions by name
 
     @property
     def path(self) -> str:
@@ -120,7 +91,6 @@ class Portion:
         ends = [of.scenario.initial, of.scenario.goal, loop.controls]
         ends += [] if loop.states is None else [loop.states]
         plan = hashlib.sha256(b"".join(np.ascontiguousarray(one).tobytes() for one in ends))
-        world: Any = of.world
         return shards.metadata_of(
             {
                 "schema": SCHEMA,
@@ -130,13 +100,13 @@ class Portion:
                 "plan": plan.hexdigest(),
                 "seed": of.seed,
                 "portion": of.portion_of(loop),
-                "world": {"name": type(world).__name__, **asdict(world)},
+                "world": {"name": type(of.world).__name__, **asdict(of.world)},
                 "errors": asdict(of.errors),
                 "loop": loop.name,
                 "planner": None if loop.planner is None else identity(loop.planner),
                 "back_off": None if loop.back_off is None else asdict(loop.back_off),
                 "part": self.number,
-                "made_with": dict(of.made_with),
+                "made_with": dict(self.made_with),
             }
         )
 
@@ -162,13 +132,20 @@ def fly_all(
     with other settings or versions. ProlearnError where the folder cannot be written to or workers
     are killed again and again.
     """
-    check_whole("trials", trials, 1, MOST_TRIALS)
+    versions = made_with(*MADE_BY)
+    portions = {
+        loop.name: [
+            Portion(of, loop, number, rows, versions)
+            for number, rows in enumerate(of.portions(loop, trials))
+        ]
+        for loop in loops
+    }
     folder, workers = open_folder(where), workers or Workers()
     with open_ledger(folder, OWNED, lambda: ShardList.of(folder, SCHEMA), progress) as ledger:
-        portions = [one for loop in loops for one in _portions(of, loop, trials)]
-        wanted = [portion for portion in portions if not _is_done(ledger, portion)]
+        every = chain.from_iterable(portions.values())
+        wanted = [portion for portion in every if not _is_done(ledger, portion)]
         write_shards(ledger, _flown, wanted, workers, progress)
-        return {loop.name: _read(ledger, of, loop, trials) for loop in loops}
+        return {name: _read(ledger, some, trials) for name, some in portions.items()}
 
 
 def _unlike(scenario: Scenario) -> dict[str, Any]:
@@ -182,17 +159,8 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _portions(of: TrialSettings, loop: Loop, trials: int) -> Iterator[Portion]:
-    portion = of.portion_of(loop)
-    for number, first in enumerate(range(0, trials, portion)):
-        yield Portion(of, loop, number, range(first, min(first + portion, trials)))
-
-
 def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
-    """Whether a shard is sound, with its timings and the rows that are asked for.
-
-    InputError where it was made with other settings or versions.
-    """
+    """Whether a shard is sound and whole; InputError for one of other settings or versions."""
     name, folder, listed = portion.path, ledger.folder, ledger.shards
     if name in listed and not ledger.is_sound(name):
         return False
@@ -222,9 +190,8 @@ def _refuse_change(folder: Folder, table: pa.Table, portion: Portion) -> None:
 
 
 def _flown(portion: Portion, _: bytes) -> NewShard:
-    of, trials = portion.of, portion.rows
-    check_worker(of.made_with, MADE_BY)
-    flown = portion.loop.fly(of.scenario, of.world, of.errors, trials, of.seed)
+    check_worker(portion.made_with, MADE_BY)
+    flown = portion.of.fly(portion.loop, portion.rows)
     kinds = [OF_CRAFT, *(names for names in OF_UNLIKE if names[0] in flown)]
     none = {name: flown[names[1]] < 0 for names in kinds for name in names}
     fields = [*FIELDS, *(field for names in kinds[1:] for field in OF_UNLIKE[names])]
@@ -234,14 +201,14 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     content = encode(pa.table(columns, schema=pa.schema(fields, metadata=portion.metadata)))
     seconds = [row[np.isfinite(row)] for row in flown["replan_seconds"]]
     timings = pa.table(
-        {"trial": np.array(trials), "replan_seconds": seconds},
+        {"trial": np.array(portion.rows), "replan_seconds": seconds},
         schema=pa.schema(TIMING_FIELDS, metadata={shards.TIMED_KEY: digest_of(content)}),
     )
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int) -> Trials:
-    """The first ``trials`` trials of a loop, with the times of all their plans."""
+def _read(ledger: Ledger[ShardList], portions: Sequence[Portion], trials: int) -> Trials:
+    """The first ``trials`` trials of a loop's portions, with the times of all their plans."""
 
     def sound(name: str, digest: str, most: Size) -> pa.Table:
         try:
@@ -255,7 +222,6 @@ def _read(ledger: Ledger[ShardList], of: TrialSettings, loop: Loop, trials: int)
         parts = [sound(top + one.path, digests[one.path], one.most) for one in portions]
         return pa.concat_tables(parts).slice(0, trials).combine_chunks()
 
-    portions = list(_portions(of, loop, trials))
     rows, seconds = read(ledger.shards), read(ledger.timing_digests, TIMINGS)["replan_seconds"]
     columns = {name: rows[name].to_numpy() for name in rows.column_names}
     return {**columns, "replan_seconds": seconds.combine_chunks().flatten().to_numpy()}

@@ -38,8 +38,8 @@ from pipeline.expert import Settings
 from pipeline.expert import solve as solve_one
 from pipeline.files import unfinished
 from pipeline.flight.errors import COLD_GAS
-from pipeline.flight.loops import flight_loops
-from pipeline.flight.montecarlo import TrialSettings, fly_all
+from pipeline.flight.loops import TrialSettings, flight_loops
+from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers

@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.errors import COLD_GAS
-from pipeline.flight.loops import Loop, batch_size, fly_loops
+from pipeline.flight.loops import Loop, TrialSettings, batch_size, fly_loops
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
@@ -36,7 +36,7 @@ def check_same(scenario, errors, trials):
     plan, dynamics = solve(scenario), scenario.problem.dynamics
     loops = [Loop("open loop", plan.controls), Loop("feedback", plan.controls, plan.states)]
     flown = [
-        fly_loops(scenario, LinearWorld(dynamics, device), errors, loops, trials, seed=7)
+        fly_loops(TrialSettings(scenario, LinearWorld(dynamics, device), errors, 7), loops, trials)
         for device in (None, "cpu")
     ]
     for loop in loops:

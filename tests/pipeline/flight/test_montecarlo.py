@@ -16,8 +16,8 @@ from kills import run_script
 from pipeline.errors import InputError
 from pipeline.expert import FIRST_SAFE, BackOff, solve
 from pipeline.flight.errors import COLD_GAS, draws
-from pipeline.flight.loops import Loop, fly_loops
-from pipeline.flight.montecarlo import TrialSettings, fly_all
+from pipeline.flight.loops import Loop, TrialSettings, fly_loops
+from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.networks.model import load
@@ -82,7 +82,7 @@ def test_a_row_is_what_its_trial_flown_alone_comes_to(undisturbed):
 
 
 def test_trials_in_memory_are_those_of_the_folder(undisturbed):
-    found = fly_loops(SCENARIO, WORLD, ERRORS, LOOPS, trials=10, seed=5)
+    found = fly_loops(replace(OF, portion=None), LOOPS, 10)
     for loop in LOOPS:
         for name, values in undisturbed[1][loop.name].items():
             if name != "replan_seconds":
