@@ -188,11 +188,12 @@ class ConicProgram:
         b[:, 0] = self.limits.norm[craft[some]] / sub.unit
         return self._by_slot(value, row), b.ravel()
 
-    def solution(self, *accepted: str) -> clarabel.DefaultSolution:
-        """Clarabel's solution of A x + s = b: goals, bounds, spending, half-spaces, cones.
+    def solution(self, *accepted: str) -> tuple[str, Float[Array, "v"], Values]:
+        """Clarabel's status, variables x, and dual variables z of the rows of A x + s = b.
 
-        Where it ends with no accepted status, it is sought again with equilibration and iterative
-        refinement, which these well-scaled programs rarely need and which take half of the time.
+        The rows are goals, bounds, spending, half-spaces and cones. Where it ends with no accepted
+        status, it is sought again with equilibration and iterative refinement, which these
+        well-scaled programs rarely need and which take half of the time.
         """
         from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
@@ -213,13 +214,9 @@ class ConicProgram:
             found = clarabel.DefaultSolver(*program, settings).solve()
             if str(found.status) in accepted:
                 break
-        return found
-
-    def solved(self, x: Values) -> Float[Array, "v"]:
-        """All variables, from those that may be nonzero."""
-        found = np.zeros(self.variables)
-        found[self.kept] = x
-        return found
+        x = np.zeros(self.variables)
+        x[self.kept] = found.x
+        return str(found.status), x, np.asarray(found.z)
 
     def controls_of(self, x: Float[Array, "v"]) -> Float[Array, "n m"]:
         """Controls in m/s² from the variables."""
@@ -269,11 +266,9 @@ def _joined(*parts: Parts) -> Parts:
 def by_cones(sub: Subproblem) -> Optimum:
     """Solve a subproblem as a cone program; UnsolvableError where no optimum is found."""
     program = ConicProgram(sub)
-    found = program.solution(*OPTIMAL)
-    if str(found.status) not in OPTIMAL:
-        raise UnsolvableError(f"the convex solver stopped with {found.status}")
-    x, z = program.solved(np.asarray(found.x)), np.asarray(found.z)
-    k, end = len(sub.required), len(z) - len(program.cones()[1])
-    top = program.thrusts
+    status, x, z = program.solution(*OPTIMAL)
+    if status not in OPTIMAL:
+        raise UnsolvableError(f"the convex solver stopped with {status}")
+    k, end, top = len(sub.required), len(z) - len(program.cones()[1]), program.thrusts
     dual = sub.unit / LENGTH * z[end - k : end]
     return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)

@@ -60,14 +60,13 @@ def minimum_fuel_by_cones(
 ) -> tuple[Controls | None, Duals]:
     """Minimum-fuel controls of all craft by one cone program, or None, and dual variables."""
     program = decoupled_program(at, limits, problem)
-    found = program.solution(*OPTIMAL, IMPOSSIBLE)
-    sub, z = program.sub, np.asarray(found.z)
+    status, x, z = program.solution(*OPTIMAL, IMPOSSIBLE)
     y = np.zeros(at.miss.shape)
     y[at.constrained] = -z[: at.constrained.sum()]
-    dual = Duals(y * sub.goal_scale * sub.unit, program.splits(z))
-    if str(found.status) not in OPTIMAL:
+    dual = Duals(y * program.sub.goal_scale * program.sub.unit, program.splits(z))
+    if status not in OPTIMAL:
         return None, dual
-    return program.controls_of(program.solved(np.asarray(found.x))).reshape(len(at), -1, 3), dual
+    return program.controls_of(x).reshape(len(at), -1, 3), dual
 
 
 def dual_bounds(
@@ -151,10 +150,7 @@ def _completed(
     at: StateConstraints,
     thrust: Thrust | None = None,
 ) -> Float[Array, "n intervals V"]:
-    """Controls with the least change of free ones after which required states are met.
-
-    Or thrusts, where thrusters are given.
-    """
+    """Controls, or thrusts, with the least change of free ones that meets the required states."""
     n, constrained, rows = len(amounts), at.constrained, len(at.reach)
     reach = at.weight[:, None] * at.reach
     if thrust is not None:
