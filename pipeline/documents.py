@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, from_json
 
 from pipeline.errors import InputError
@@ -23,6 +23,12 @@ MOST_FAULTS = 8  # faults of a file that are shown in full; the others are count
 MOST_BYTES = 2**28  # of a JSON file that is read; a plan of a thousand craft takes some MB
 _LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no float is near to
 CHECKSUM = "checksum"  # field with the checksum of all others, in documents that have one
+
+
+class Strict(BaseModel):
+    """A document or a part of one; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def parse_json(content: bytes) -> Any:

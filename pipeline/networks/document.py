@@ -6,26 +6,23 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 from safetensors import SafetensorError
 
 from pipeline.arrays import Array, Float
-from pipeline.documents import CHECKSUM, read_document, without_checksum
+from pipeline.documents import CHECKSUM, Strict, read_document, without_checksum
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 
 WEIGHTS_FILE = "weights.safetensors"
 DOCUMENT_FILE = "model.json"
 
-COLUMNS_AT_ONCE = 50_000  # most columns n·T of a batch: a few hundred MB in the widest network
-
-COLUMNS_ON_DEVICE = 1_000_000
-"""The same for the refiner on a GPU, which fewer leave idle; 4 GiB for dense swarms of ten."""
+# Most columns n·T of a batch: a few hundred MB in the widest network; and of the refiner on a GPU,
+# which fewer leave idle, 4 GiB for dense swarms of ten
+COLUMNS_AT_ONCE, COLUMNS_ON_DEVICE = 50_000, 1_000_000
 
 Answer = Literal["states", "controls"]
-
 EndStates = Float[Array, "b n 6"]  # states of the swarms of a batch at one end, m and m/s
-
 Parsed = TypeVar("Parsed")
 
 
@@ -86,10 +83,8 @@ PositiveNumber = Annotated[FiniteFloat, Field(gt=0)]
 Scale = Annotated[list[PositiveNumber], Field(min_length=6, max_length=6)]
 
 
-class ProblemFields(BaseModel):
+class ProblemFields(Strict, strict=True):
     """The problem of the training data."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     mean_motion: PositiveNumber
     time_step: PositiveNumber
@@ -98,12 +93,8 @@ class ProblemFields(BaseModel):
     max_acceleration: PositiveNumber | None = None
 
 
-class ModelDocument(BaseModel):
+class ModelDocument(Strict, strict=True, populate_by_name=True, serialize_by_alias=True):
     """The fields of a model file besides its checksum; unknown ones are refused."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, populate_by_name=True, serialize_by_alias=True
-    )
 
     schema_name: Literal["prolearn.model/1"] = Field(alias="schema", default="prolearn.model/1")
     architecture: str

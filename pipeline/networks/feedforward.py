@@ -9,20 +9,19 @@ from typing import Annotated, Any
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from torch import nn
 
 from pipeline.arrays import Array, Float, Int
+from pipeline.documents import Strict
 from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.supervised import Supervised
 
 MAX_WIDTH = 1_000_000  # more neurons in a layer than this is a mistake
 
 
-class Layers(BaseModel):
+class Layers(Strict):
     """Configuration: units of each hidden layer, in order; ValueError for invalid ones."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     hidden: list[Annotated[int, Field(ge=1, le=MAX_WIDTH, strict=True)]] = Field(
         min_length=1, max_length=100
@@ -46,8 +45,8 @@ class Layered(Supervised):
 class FeedForward(Layered):
     """Dense layers on the flattened 6·n·T matrix, each hidden one with ReLU and dropout.
 
-    Its input has a fixed size. A smaller swarm is padded with virtual craft at rest at
-    the origin; a larger one is answered with the average over combinations of its craft.
+    Its input has a fixed size. A smaller swarm is padded with virtual craft at rest at the origin;
+    a larger one is answered with the average over combinations of its craft.
     """
 
     def network(self, config: Mapping[str, Any], encoding: Encoding, dropout: float) -> nn.Module:

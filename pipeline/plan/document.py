@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from pipeline.documents import DIALECT, read_document, write_document
+from pipeline.documents import DIALECT, Strict, read_document, write_document
 from pipeline.errors import InputError, check_kind
 from pipeline.files import path_of
 from pipeline.plan.certificate import Certificate
@@ -30,14 +30,12 @@ OPTIONAL = (
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-class PlanDocument(BaseModel):
+class PlanDocument(Strict):
     """The fields of a plan file; version 1 lacks the scenario.
 
     Where there is an assignment, the scenario is the one that is flown: its goals in the order of
     the craft that take them.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     schema_name: Literal["prolearn.plan/1", "prolearn.plan/2"] = Field(
         alias="schema", description="Name and version of this format."

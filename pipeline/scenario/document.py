@@ -6,13 +6,13 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from pipeline.documents import DIALECT, document_from, read_document, write_document
+from pipeline.documents import DIALECT, Strict, document_from, read_document, write_document
 from pipeline.errors import check_kind, error_context
 from pipeline.files import path_of, stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.thrust import Objective, Thrust
-from pipeline.scenario.fields import NoBurn, Positive, Strict, Triple, Whole, given_fields, one_of
+from pipeline.scenario.fields import NoBurn, Positive, Triple, Whole, given_fields, one_of
 from pipeline.scenario.orbit_document import ANGLES, OrbitDocument, ReferenceDocument
 from pipeline.scenario.part_documents import (
     CorridorDocument,

@@ -4,16 +4,10 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+from pydantic import BeforeValidator, Field, FiniteFloat
 from pydantic_core import to_jsonable_python
 
 from pipeline.orbit.reference import is_epoch
-
-
-class Strict(BaseModel):
-    """A part of a document; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def one_of(**fields: str) -> dict[str, Any]:

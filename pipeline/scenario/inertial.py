@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.documents import MOST_BYTES, parse_json
-from pipeline.errors import InputError, error_context
+from pipeline.errors import InputError, error_context, is_number
 from pipeline.files import read_bytes
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.problem import Problem
@@ -170,8 +170,7 @@ def _state(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Float[
         raise InputError(f"{where} has {len(row)} values; expected {','.join(columns)}.")
     for column in columns:
         value = row[column]
-        of_numbers = isinstance(value, int | float) and not isinstance(value, bool)
-        if not of_numbers or not abs(value) < LARGEST:
+        if not is_number(value) or not abs(value) < LARGEST:
             shown = visible(repr(value))[:60]
             raise InputError(f"{where} has {column} {shown}; expected a number.")
     numbers = np.array([row[column] for column in columns], dtype=float)

@@ -5,9 +5,10 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
+from pipeline.documents import Strict
 from pipeline.errors import InputError, error_context
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
-from pipeline.scenario.fields import Number, Positive, Strict, utc
+from pipeline.scenario.fields import Number, Positive, utc
 
 # Of both a reference and an orbit
 ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from pipeline.documents import Strict
 from pipeline.errors import InputError
 from pipeline.orbit.arrays import Formation, PerCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
@@ -17,7 +18,6 @@ from pipeline.scenario.fields import (
     Positive,
     State,
     StateList,
-    Strict,
     Triple,
     Whole,
     given_fields,
@@ -82,10 +82,7 @@ class RingDocument(
         return np.deg2rad(self.first_phase_deg) + 2 * np.pi * np.arange(n) / n
 
     def states(self, problem: Problem) -> Formation:
-        """LVLH states of its craft at the problem's first node, m and m/s.
-
-        InputError where the orbit has no relative motion of that size.
-        """
+        """LVLH states of its craft at the first node, m and m/s; InputError if it is too large."""
         tilt, cross = np.deg2rad([self.tilt_deg, self.cross_phase_deg]).tolist()
         with np.errstate(all="ignore"):
             found = ring_states(problem, self.size, tilt, self.phase, cross, self.offset)

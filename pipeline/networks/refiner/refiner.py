@@ -11,10 +11,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from torch import Tensor, nn
 
 from pipeline.arrays import Float, plain
+from pipeline.documents import Strict
 from pipeline.networks.architecture import Swarms, TensorBatch
 from pipeline.networks.document import Answer
 from pipeline.networks.encoding import Encoding
@@ -24,26 +25,21 @@ from pipeline.orbit.separation import drift_separations
 
 UNSAFE = 0.1  # added to the score of an unsafe swarm, the log of fuel over the lower bound
 CROWDED = 1.02  # least separation in free drift, in units of the raised collision radius
-
 RAISED = 2.5  # largest factor by which radii are raised; denser swarms can hardly be planned
 NO_FUEL = 1e-9  # fuel in r_col/Δt² that counts as none
 AT_ONCE = 500  # number of formations whose free drift is computed at once
 
 
-class Sizes(BaseModel):
+class Sizes(Strict):
     """Sizes of a refiner: of hidden layers and messages, and the rounds that an answer takes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     width: int = Field(default=32, ge=1, le=4096, strict=True)
     message: int = Field(default=16, ge=1, le=4096, strict=True)
     rounds: int = Field(default=14, ge=0, le=1000, strict=True)
 
 
-class LossSettings(BaseModel):
+class LossSettings(Strict):
     """The options of a refiner's recipe, which weigh missing separation against fuel."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     rounds: int = Field(default=8, ge=1)  # in training
     violation: float = 2.5  # weight of missing separation: of fuel over the bound, per r_col
