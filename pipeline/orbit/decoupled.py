@@ -45,23 +45,18 @@ class MinimumFuelTransfers:
     """Minimum-fuel transfers of N craft, each on its own and without a thrust limit."""
 
     controls: Float[Array, "N intervals 3"]  # m/s²
-    bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, m/s²
-    dual: Float[Array, "N 6"]  # y that proves it: bound = missᵀy and |reachᵀy| ≤ 1
+    bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, by the dual y, m/s²
     basis: Int[Array, "N 6"]  # controls of the basis, flattened by time; + 3(T-1) if negative
     exact: Bool[Array, "N"]  # whether the controls attain the bound within rounding
 
 
 def minimum_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers | None:
-    """Minimum-fuel controls for changes of state, m and m/s, without thrust limit, or None.
-
-    None where ``facets_of`` is None.
-    """
+    """Minimum-fuel controls without limits for changes of state, m and m/s; or None, as facets."""
     table = facets_of(problem)
     if table is None:
         return None
     flat = np.zeros((len(miss), 3 * problem.intervals))
-    bound, dual = np.zeros(len(miss)), np.zeros(miss.shape)
-    basis = np.zeros(miss.shape, dtype=int)
+    bound, basis = np.zeros(len(miss)), np.zeros(miss.shape, dtype=int)
     for facets in table:
         part = miss[:, facets.component]
         value = np.matvec(facets.dual, part)
@@ -79,10 +74,9 @@ def minimum_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTran
         flat[craft, column] = weight * sign
         basis[:, facets.component] = column + (sign < 0) * flat.shape[1]
         bound += value[craft[:, 0], chosen]
-        dual[:, facets.component] = facets.dual.take(chosen, 0)
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
-    return MinimumFuelTransfers(flat.reshape(len(miss), -1, 3), bound, dual, basis, exact)
+    return MinimumFuelTransfers(flat.reshape(len(miss), -1, 3), bound, basis, exact)
 
 
 @lru_cache(maxsize=32)

@@ -59,10 +59,13 @@ def test_fuel_is_that_of_the_linear_program_and_the_goal_is_met(problem):
 def test_the_dual_proves_the_bound(problem):
     """Weak duality: with |reachᵀy| ≤ 1 no controls need less than missᵀy."""
     miss = changes(problem, 1)
-    found = minimum_fuel(miss, problem)
-    price = found.dual @ transfer_maps(problem).reach[-1]
+    dual = np.zeros(miss.shape)
+    for facets in facets_of(problem):
+        value = miss[:, facets.component] @ facets.dual.T
+        dual[:, facets.component] = facets.dual[value.argmax(axis=1)]
+    price = dual @ transfer_maps(problem).reach[-1]
     assert np.abs(price).max() <= 1 + 1e-12
-    assert (found.dual * miss).sum(axis=1) == pytest.approx(found.bound, rel=1e-12)
+    assert (dual * miss).sum(axis=1) == pytest.approx(minimum_fuel(miss, problem).bound, rel=1e-12)
 
 
 def test_the_basis_is_what_is_used_in_its_direction():
