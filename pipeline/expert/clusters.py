@@ -52,8 +52,7 @@ def groups(labels: Indices) -> list[Int[Array, "_"]]:
 def joint_clusters(clusters: list[Cluster], swarm: Indices) -> list[list[Cluster]]:
     """Group successive clusters of the same scenario; each group shares a program.
 
-    A group has at most ``JOINT`` craft, or is a single cluster. ``swarm`` has the index of each
-    craft's scenario.
+    A group has at most ``JOINT`` craft, or is one cluster. ``swarm`` has each craft's scenario.
     """
     joint: list[list[Cluster]] = []
     size, last = 0, -1
@@ -70,7 +69,7 @@ def joint_clusters(clusters: list[Cluster], swarm: Indices) -> list[list[Cluster
 def neighbourhoods(craft: Cluster, cuts: Cuts, unsafe: CraftMask) -> list[Cluster]:
     """The connected parts of a cluster within ``HOPS`` of unsafe craft, by the cluster's cuts.
 
-    None where they are most of the cluster. No cut joins craft of two parts.
+    Empty where they are most of the cluster. No cut joins craft of two parts.
     """
     near = unsafe.copy()
     for _ in range(HOPS):

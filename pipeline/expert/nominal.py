@@ -77,8 +77,7 @@ def nominal_plans(
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
     """Group scenarios, by index, into batches: with limits of each craft, and without.
 
-    With a smallest impulse bit each scenario is a batch, as rounding decides which burns are
-    dropped.
+    With a smallest impulse bit each is a batch, as rounding decides which burns are dropped.
     """
     each: dict[object, list[int]] = {}
     for k, scenario in enumerate(scenarios):

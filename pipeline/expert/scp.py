@@ -188,9 +188,7 @@ class Search:
         found = exceeded_limits(controls, self.batch.limits, self.problem)
         return np.asarray(np.any([*found.values()], axis=0))
 
-    def _propagated(
-        self, controls: Controls, craft: Cluster | Bool[Array, "_"] | slice = slice(None)
-    ) -> Trajectory:
+    def _propagated(self, controls: Controls, craft: Cluster | Bool[Array, "_"]) -> Trajectory:
         initial, goal, batch = self.batch.initial[craft], self.batch.goal[craft], self.batch
         if batch.limits is None or batch.constraints is None:
             exact = meet_goal(initial, controls, goal, self.problem)
@@ -277,10 +275,7 @@ class Search:
                 self._fail(craft, str(error))
 
     def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
-        """Solve a cluster's program, or subproblems of a large one.
-
-        Where these leave slack, larger ones follow, with craft further away.
-        """
+        """Solve a cluster's program or, of a large one, parts that grow where they leave slack."""
         cuts, near = self.cuts_of[int(craft[0])], self.unsafe
         # The largest share depends on all craft.
         divisible = len(craft) >= VAST and self.batch.weight is None

@@ -26,7 +26,6 @@ from pipeline.scenario import Scenario, participants
 from pipeline.scenario.orbit_document import OrbitDocument
 
 PLAN = "plan"  # name of the first effect: none, the linear model of the plan
-
 FURTHEST = 0.01  # largest distance of a plan from the origin, in radii of the reference orbit
 
 
@@ -195,12 +194,9 @@ def _passive_safety(
     Requirements(passive_safety=orbits)  # refuses what is no number of orbits
     scenario = plan.scenario
     flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
-    clearance = None
     adrift = least_after_loss_nonlinear(*flown)
-    if scenario.sized:
-        spaced = least_after_loss_nonlinear(*flown, participants([scenario]))
-        clearance = Clearance.of(spaced, scenario)
-    return PassiveSafety.of(orbits, adrift, clearance)
+    sized = scenario.sized and least_after_loss_nonlinear(*flown, participants([scenario]))
+    return PassiveSafety.of(orbits, adrift, Clearance.of(sized or adrift, scenario))
 
 
 def _of(effect: Effect) -> dict[str, Any]:

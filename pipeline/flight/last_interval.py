@@ -21,7 +21,6 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight
 
 ROUNDS = 8  # iterations: a craft may belong to several pairs, each of which moves it
-
 EARLY = 0.1  # share of the interval up to which its controls hardly move a pair
 CLOSE = 5.0  # distance beyond the collision radius, m, up to which pairs are considered
 

@@ -54,8 +54,7 @@ class LeastDistances:
 class Surroundings:
     """Obstacles and corridors of a scenario in a world, and least distances of craft to them.
 
-    Obstacles drift in that world, without errors and with the swarm's mean coefficient of drag, or
-    stay where they are held.
+    Obstacles are held, or drift there without errors and with the swarm's mean drag coefficient.
     """
 
     def __init__(self, scenario: Scenario, world: World) -> None:

@@ -24,7 +24,7 @@ Trials = Mapping[str, Array]
 """Columns of a loop's trials, one value each, SI units. Errors at the goal are those of the craft
 furthest from it, separations the least of any pair at any time, Δv that of all craft. A craft alone
 has a ``first_craft`` of -1 and no separation; ``replan_seconds`` has a row of times a trial, NaN
-where nobody planned. By sizes, and with corridors, there are those of ``Encounters.columns``.
+where nobody planned. By sizes, and with corridors, there are those of ``LeastDistances``.
 ``lost_craft`` lost its thrust at ``lost_time``, -1 and NaN where none did; its error at the goal
 does not count."""
 

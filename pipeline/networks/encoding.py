@@ -34,15 +34,11 @@ INTERIORS: dict[str, Callable[[AnyState, AnyState, Problem], AnyStates]] = {
 }
 """By name, the trajectories (m, m/s) in a network's input, whose interior the paper leaves open."""
 
+# The output is the trajectory itself, as in the paper, or its offset from the input's.
 TARGETS = STATES, OFFSET = "states", "offset"
-"""The output is the trajectory itself, as in the paper, or its offset from the input's."""
-
+# One scale for all six components, as in the paper's matrix of m and m/s, or one for each
 SCALINGS = COMMON, COMPONENT = "common", "component"
-"""One scale for all six components, as in the paper's matrix of m and m/s, or one for each,
-so that each is near 1."""
-
-LEAST_SHARE = 1e-6
-"""Least scale of a component, as a share of the largest of its kind: less is rounding."""
+LEAST_SHARE = 1e-6  # least scale of a component, as a share of the largest of its kind
 
 
 @dataclass(frozen=True)
@@ -85,8 +81,7 @@ def fit(examples: ExampleSource, interior: str, target: str, scaling: str = COMP
     """The encoding whose scales come from training examples, in one pass over them.
 
     They are COMMON, the largest component's root mean square, or of each COMPONENT its own. Where
-    there are no plans, the inputs stand for them. InputError for an unknown interior, target or
-    scaling.
+    there are no plans, the inputs stand for them. InputError for an unknown name.
     """
     check_choice("interior", interior, INTERIORS)
     check_choice("scaling", scaling, SCALINGS)

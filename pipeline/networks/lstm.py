@@ -11,8 +11,8 @@ from pipeline.arrays import Float
 from pipeline.networks.encoding import Encoding, Trajectories
 from pipeline.networks.feedforward import Layered, Layers
 
+# Weights shared by all columns see nT times as many examples: fewer, larger steps suffice.
 CHANGES: Mapping[str, Any] = {"learning_rate": 5e-3, "batch_size": 32, "epochs": 30}
-"""Weights shared by all columns see nT times as many examples: fewer, larger steps suffice."""
 
 
 class LstmLayers(nn.Module):

@@ -31,12 +31,9 @@ from pipeline.scenario.scenario import MOST_CRAFT
 from pipeline.text import first_line
 
 SCHEMA = "prolearn.onnx/1"
-
 TRACED = 9  # craft with which the graph is traced: neither 0 nor 1, which torch treats as constants
 TOLERANCE = 1e-5  # largest difference from torch, as a share of a component's root mean square
-
 SIZES = (1, 2, 10, 30, 100)  # swarm sizes that are checked and timed, where the file serves them
-
 INSTANCES = 4  # random swarms of each size that are compared
 WARM_UP, REPEATS = 5, 50  # calls before the timed ones, and timed calls
 
@@ -221,9 +218,8 @@ def traced(
 ) -> torch.onnx.ONNXProgram:
     """The graph of a module by torch.export, traced with example inputs by name.
 
-    ``dynamic`` has the axes of each input that may have any length, and ``name`` is that of the
-    architecture, for messages. InputError where onnxscript is not installed. ProlearnError where
-    torch cannot trace the module.
+    ``dynamic`` has the axes of each input of any length; ``name`` is the architecture's. InputError
+    where onnxscript is not installed. ProlearnError where torch cannot trace the module.
     """
     with missing_extra_hint():
         import onnxscript  # noqa: F401  (torch's exporter needs it)

@@ -8,7 +8,6 @@ from typing import Any
 from pipeline.errors import InputError, check_choice, check_range, check_whole
 
 MOST = 1_000_000  # largest count in a recipe, of instances, passes or draws
-
 # Schedules of the learning rate: constant, or cosine annealing to 0
 SCHEDULES = CONSTANT, COSINE = "constant", "cosine"
 

@@ -59,8 +59,7 @@ class Supervised(ABC):
         """The network's output for any number of craft n ≥ 1.
 
         Both are float32, in the units of the encoding, with axes batch, craft, node and state
-        component; in the input the first and last node of each craft hold its initial and goal
-        state.
+        component; in the input the first and last node hold the initial and goal state.
         """
 
     def prepare(self, swarms: Swarms, encoding: Encoding) -> TensorBatch:

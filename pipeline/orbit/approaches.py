@@ -272,10 +272,7 @@ def _curves(
 
 @lru_cache(maxsize=64)
 def _part_maps(dynamics: Dynamics, h: float, most: int) -> Float[Array, "_ 12 9"] | None:
-    """Maps from states and controls to Bezier points in each of 1, 2, … equal parts of an interval.
-
-    None where maps differ between intervals.
-    """
+    """Maps to Bezier points in 1, 2, … equal parts of any interval; None where intervals differ."""
     if dynamics.step(h, np.arange(1))[0].ndim > 2:
         return None
     many = np.arange(1, most + 1).repeat(np.arange(1, most + 1))
@@ -349,8 +346,7 @@ def _chords(
     """Midpoints and half-vectors of each interval's CHORDS chords, and bounds on deviation, m.
 
     Each chord joins the ends of one of CHORDS equal parts of the interval; its half-vector leads
-    from the midpoint to the end. The deviation is from uniform motion along the chord, at most
-    h²/8 max|p̈|.
+    from the midpoint to the end. Deviation from uniform motion along it is at most h²/8 max|p̈|.
     """
     each, times = np.arange(controls.shape[1]), h / CHORDS * np.arange(CHORDS + 1)
     A, B = (maps[..., :3, :] for maps in dynamics.step(times, each[:, None]))

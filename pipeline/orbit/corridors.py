@@ -247,8 +247,7 @@ def least_margin(
 ) -> Nearest:
     """Least margin of craft inside corridors at any time of an arc, given as in ``nearest``.
 
-    For each trial, negative outside, with the craft as ``first`` and the index of the corridor as
-    ``second``.
+    For each trial, negative outside; ``first`` is the craft and ``second`` the corridor's index.
     """
     trials, pieces = len(states), states.shape[2]
     length = duration / pieces

@@ -29,9 +29,8 @@ class Elements:
 
         The inverse of ``states``, from the angular momentum h, and e cos ν = p/r - 1,
         e sin ν = ṙ h/μ with p = h²/μ (Curtis, section 4.4). Ω is 0 where the orbit is equatorial
-        within rounding, and ω where it is a circle. Close to
-        these cases they are sensitive to the state, but all elements together reproduce it.
-        InputError for a state on no closed orbit.
+        within rounding, and ω where it is a circle. Close to these cases they are sensitive to the
+        state, but all elements together reproduce it. InputError for a state on no closed orbit.
         """
         position, velocity = state[:3], state[3:]
         momentum = np.cross(position, velocity)

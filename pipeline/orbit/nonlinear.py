@@ -43,8 +43,7 @@ def flown_arcs(
     """States at the points of all arcs of controls, m/s², from initial states; LVLH, m and m/s.
 
     Ballistics are C_D A/m, m²/kg. ``first`` is the plan's interval of the first control.
-    ProlearnError where craft are so far from the reference that it does not converge, or hit the
-    Earth.
+    ProlearnError where craft are too far from the reference for it to converge, or hit the Earth.
     """
     orbit, count = dynamics.orbit, controls.shape[1]
     parts = ceil(orbit.fastest * dynamics.time_step / WINDOW)

@@ -23,7 +23,6 @@ from pipeline.progress import SILENT, Progress
 from pipeline.training.data import Batches, Preparation, Prepared, batches, check_examples
 
 VALIDATION_BATCH = 256  # instances whose validation score is computed at once
-
 POSITION_RMSE = "valid_position_rmse"  # metric: ``position_rmse`` on the validation data
 
 

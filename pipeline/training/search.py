@@ -35,9 +35,8 @@ the expert's plans, which the search minimizes, says nothing about collisions.""
 def open_study(path: Path, name: str) -> Iterator["Study"]:
     """The study of a name in an SQLite file; either is created where it is missing.
 
-    Searches whose trials can be compared have the same name. InputError where Optuna is not
-    installed, or the path is a folder or below a file. ProlearnError where the file fails, in the
-    block too.
+    Searches whose trials can be compared have the same name. InputError where Optuna is missing, or
+    the path is a folder or below a file. ProlearnError where the file fails, in the block too.
     """
     with missing_extra_hint():
         import optuna

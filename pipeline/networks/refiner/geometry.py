@@ -36,19 +36,13 @@ NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
 TOUCHING = 1e-4  # distance in r_col below which the gap of two craft defines no direction
 STILL = 1e-9  # relative speed in r_col/Δt below which it defines no direction
-
 STRETCHES = 6  # parts of an interval in which the search at first takes motion as straight
 NEWTON_STEPS = 3  # steps from there; the last changes the result by less than a millimetre
-
 # Ratio of the squared distances after and before a Newton step up to which the step is taken: a
 # smaller increase is rounding, and refusing it would leave the time accurate to 1e-7 only
 EQUAL = 1 + 1e-12
-
 THIRD = 1.0 / 3.0
-
-# Cosine between gap and relative velocity below which the distance is stationary
-LEVEL = 1e-6
-
+LEVEL = 1e-6  # cosine between gap and relative velocity below which the distance is stationary
 CAPACITY = 1024  # initial length of the array of encounters, doubled when full
 
 

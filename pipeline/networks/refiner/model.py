@@ -41,17 +41,14 @@ from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 
 PLANE_DISTANCE = 1.3  # in r_col, within which a local minimum of the distance gets a plane
-
+# Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
+# centimetres in intervals of four minutes; planes ask for more, and certificates are exact.
 SAFE = 1 + 1e-4
-"""Distance in r_col from which an encounter is safe. Cubics are off by millimetres, by some
-centimetres in intervals of four minutes; planes ask for more, and certificates are exact."""
-
 MINIMA_ONLY = 3  # rounds in which only local minima get planes, then unsafe encounters do too
 MARGIN = 0.2 / 15  # separation beyond r_col that planes require, in r_col
 SHARPNESS = 4.0  # a craft gives way by the other's dual to this power, as a share of both
 LEAST_DUAL = 1e-4  # least dual that counts, so that duals have a ratio
 MOST_TRADE = 0.3  # most that a craft gives way beyond its share, r_col
-
 STEADY = 1e-4  # relative change of fuel in a round up to which a safe swarm has converged
 FACING = np.array([1.0, -1.0])  # signs of a plane's normal for the two craft of an encounter
 FEATURES = 18  # F: number of edge features of one side

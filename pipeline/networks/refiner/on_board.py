@@ -28,9 +28,7 @@ from pipeline.orbit.problem import Problem
 # Inputs and outputs of steps, and the steps.
 
 TOLD = "told_"  # prefix of the names of values that the other side of an encounter sent
-
 NEW = "new_"  # prefix of the name of an output that replaces the input of the same name
-
 STATE, LENGTH, ACCELERATION = "x y z (m), vx vy vz (m/s)", "m", "m/s²"
 
 
@@ -244,10 +242,9 @@ class Settle(Step):
         return best[0], torch.stack([states[t], states[t + 1]], dim=1), paid[0]
 
 
+# Steps of a round, and all steps, by name, in order
 ROUND = {"look": Look, "speak": Speak, "listen": Listen, "settle": Settle}
-"""Steps of a round by name, in order."""
-
-STEPS: Mapping[str, type[Step]] = {"begin": Begin, "meet": Meet, **ROUND}  # all steps, in order
+STEPS: Mapping[str, type[Step]] = {"begin": Begin, "meet": Meet, **ROUND}
 
 
 def outputs(step: type[Step]) -> tuple[str, ...]:

@@ -27,14 +27,11 @@ from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.problem import Problem
 
 LARGEST_DUAL = 50.0  # Λ: dual up to which a plane is kept, r_col/Δt² per r_col; few exceed 2
-
 SMALL = 1e-9  # what counts as 0 among the values of basic variables, r_col
 NO_PIVOT = 1e-11  # entries of a tableau smaller than this are no pivots
-
+# Difference of duals that counts as none: where several optima cost the same, the earliest control
+# enters, or rounding and the order of planes would choose between them.
 TIE = 1e-6
-"""Difference of duals that counts as none: where several optima cost the same, the earliest control
-enters, or rounding and the order of planes would choose between them."""
-
 STEEP = 0.1  # least size of a pivot, as a share of the largest entry among ties
 MOST_PIVOTS = 500  # most pivots after planes are added, at which a program stops unsolved
 
