@@ -14,7 +14,7 @@ from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.errors import COLD_GAS, Errors, check_seed
-from pipeline.flight.loops import FEEDBACK, OPEN, Loop, flight_loops
+from pipeline.flight.loops import FEEDBACK, OPEN, Loop, TrialSettings, flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import Conditions, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
@@ -107,7 +107,8 @@ def _flown(
         for plan, planned, world, errors, loop in cases:
             count = 1 if errors == records.NO_ERRORS else flights
             draws = range(first, first + count)
-            flown = loop.fly(scenario, worlds[world], MAGNITUDES[errors], draws, seed)
+            of = TrialSettings(scenario, worlds[world], MAGNITUDES[errors], seed)
+            flown = of.fly(loop, draws)
             unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
             if plan.certificate.risk:
                 unsafe = float(plan.status != SOLVED)

@@ -41,26 +41,6 @@ class Loop:
     planner: Planner | None = None  # replans at every node; None without replanning
     back_off: BackOff | None = None  # kept beyond the collision radius when replanning
 
-    def fly(
-        self, scenario: Scenario, world: World, errors: Errors, trials: range, seed: int
-    ) -> Trials:
-        """Fly a batch of trials, as in ``fly_trials``."""
-        problem, count = scenario.problem, len(trials)
-        drawn = draws(seed, trials, scenario.n, problem.intervals)
-        unsafe, seconds = np.zeros(count, dtype=int), np.zeros((count, 0))
-        guidance = open_loop(self.controls)
-        if self.planner is not None:
-            loss = lost_thrust(drawn, errors, problem)
-            closed = ClosedLoop(
-                scenario, self.controls, self.planner, count, self.back_off, loss, errors
-            )
-            guidance, unsafe, seconds = closed, closed.unsafe, closed.seconds  # filled in flight
-        elif self.states is not None:
-            guidance = feedback(self.controls, self.states, problem)
-        flown = fly_trials(scenario, world, guidance, drawn, errors)
-        replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
-        return {"trial": np.array(trials), **flown, **replanning}
-
 
 def flight_loops(
     plan: Plan,
@@ -132,8 +112,22 @@ class TrialSettings:
         return [range(k, min(k + step, trials)) for k in range(0, trials, step)]
 
     def fly(self, loop: Loop, trials: range) -> Trials:
-        """Fly a portion of a loop's trials."""
-        return loop.fly(self.scenario, self.world, self.errors, trials, self.seed)
+        """Fly some of a loop's trials as a batch, as in ``fly_trials``."""
+        scenario, errors, count = self.scenario, self.errors, len(trials)
+        drawn = draws(self.seed, trials, scenario.n, scenario.problem.intervals)
+        unsafe, seconds = np.zeros(count, dtype=int), np.zeros((count, 0))
+        guidance = open_loop(loop.controls)
+        if loop.planner is not None:
+            loss = lost_thrust(drawn, errors, scenario.problem)
+            closed = ClosedLoop(
+                scenario, loop.controls, loop.planner, count, loop.back_off, loss, errors
+            )
+            guidance, unsafe, seconds = closed, closed.unsafe, closed.seconds  # filled in flight
+        elif loop.states is not None:
+            guidance = feedback(loop.controls, loop.states, scenario.problem)
+        flown = fly_trials(scenario, self.world, guidance, drawn, errors)
+        replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
+        return {"trial": np.array(trials), **flown, **replanning}
 
 
 def fly_loops(of: TrialSettings, loops: Sequence[Loop], trials: int) -> dict[str, Trials]:

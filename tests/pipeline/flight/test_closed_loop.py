@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import COLD_GAS, Errors, draws
-from pipeline.flight.loops import MARGIN, flight_loops
+from pipeline.flight.loops import MARGIN, TrialSettings, flight_loops
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, conditions_of, world_of
 from pipeline.networks.architecture import find
@@ -131,7 +131,7 @@ def test_a_margin_that_not_all_pairs_can_have_is_kept_by_those_that_can():
     plan = solve(scenario)
     loop = margin_of(plan)
     world = world_of(scenario, conditions_of(scenario))
-    found = loop.fly(scenario, world, COLD_GAS, range(1), 41)
+    found = TrialSettings(scenario, world, COLD_GAS, seed=41).fly(loop, range(1))
     assert (found["min_separation"] > 15.1).all()
     assert (found["delta_v"] < 1.08 * plan.certificate.delta_v).all()
 
@@ -298,6 +298,6 @@ def test_where_passive_safety_cannot_be_kept_separation_in_flight_is():
     plan = solve(scenario, requirements=asked)
     _, loop, _ = flight_loops(plan, Errors(), Expert(requirements=asked))
     world = world_of(scenario, conditions_of(scenario))
-    found = loop.fly(scenario, world, Errors(), range(1), 0)
+    found = TrialSettings(scenario, world, Errors()).fly(loop, range(1))
     assert found["unsafe_replans"][0] > 0
     assert found["min_separation"][0] > 15

@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
 from pipeline.flight.errors import COLD_GAS, Errors, Loss, draws, lost_thrust
-from pipeline.flight.loops import FEEDBACK, REPLANNED, flight_loops
+from pipeline.flight.loops import FEEDBACK, REPLANNED, TrialSettings, flight_loops
 from pipeline.flight.trials import feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.participants import Obstacle
@@ -189,8 +189,8 @@ def test_every_loop_of_a_plan_is_flown_with_losses(tight):
         *flight_loops(plan, LOST, Expert()),
     ]
     assert {FEEDBACK, REPLANNED} < {loop.name for loop in loops}
-    world = LinearWorld(scenario.problem.dynamics)
-    found = [loop.fly(scenario, world, LOST, range(4), 0) for loop in loops]
+    of = TrialSettings(scenario, LinearWorld(scenario.problem.dynamics), LOST)
+    found = [of.fly(loop, range(4)) for loop in loops]
     for one in found[1:]:
         np.testing.assert_array_equal(one["lost_time"], found[0]["lost_time"])
 

@@ -15,7 +15,7 @@ from trials import wilson
 
 from pipeline.errors import InputError
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import Loop
+from pipeline.flight.loops import Loop, TrialSettings
 from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
@@ -364,8 +364,8 @@ def test_a_risk_is_kept_in_the_flight(asked, closed_loop):
     assert claim.fuel_without < plan.certificate.fuel
     errors = Errors(sigma, sigma * scenario.problem.mean_motion, 0.01, 0.01)
     loop = Loop("tried", plan.controls, plan.states if closed_loop else None)
-    world = NonlinearWorld.of(scenario.problem, 10)
-    flown = [loop.fly(scenario, world, errors, range(k, k + 50), 0) for k in range(0, 1000, 50)]
+    of = TrialSettings(scenario, NonlinearWorld.of(scenario.problem, 10), errors)
+    flown = [of.fly(loop, part) for part in of.portions(loop, 1000)]
     hits = sum(int((one["min_separation"] <= 15).sum()) for one in flown)
     lower, upper = wilson(hits, 1000)
     assert lower <= claim.bound
