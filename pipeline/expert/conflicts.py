@@ -20,7 +20,7 @@ from pipeline.expert.cuts import (
 from pipeline.orbit.approaches import PROVABLE, TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, CraftMask, Rows, States, Values
 from pipeline.orbit.corridors import margins
-from pipeline.orbit.covariance import Dispersion, Uncertainty, deviation_along, dispersion
+from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
 from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
@@ -146,9 +146,9 @@ class ConflictDetection:
             return found
         problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
         normal = normals(cuts, flown.states, flown.controls)
-        deviation = deviation_along(
-            normal, (cuts.state_map, cuts.control_map), errors.of_pairs(i, j, k)
-        )
+        maps = cuts.state_map, cuts.control_map
+        along = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
+        deviation = standard_deviation(along, errors.of_pairs(i, j, k))
         sigmas = np.full(len(cuts), back_off.sigmas)
         kept = problem.collision_radius + self.margin + ENDS
         for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):

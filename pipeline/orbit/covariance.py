@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.arrays import Controls, Indices, PositionMaps, Values, Vectors
+from pipeline.orbit.arrays import Controls, Indices, Values
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
@@ -244,14 +244,6 @@ def burn_deviation(
         covariance += across**2 * total * np.eye(3) + (along**2 - across**2) * correction
     values, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :] @ vectors.mT
-
-
-def deviation_along(
-    normal: Vectors, maps: PositionMaps, covariance: Float[Array, "k 9 9"]
-) -> Values:
-    """Standard deviation of relative positions along unit vectors, m."""
-    row = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
-    return standard_deviation(row, covariance)
 
 
 def standard_deviation(rows: Float[Array, "k d"], covariance: Float[Array, "k d d"]) -> Values:

@@ -5,7 +5,12 @@ import pytest
 from judge import Case, fly
 from trials import Errors, drawn
 
-from pipeline.orbit.covariance import Uncertainty, burn_deviation, deviation_along, dispersion
+from pipeline.orbit.covariance import (
+    Uncertainty,
+    burn_deviation,
+    dispersion,
+    standard_deviation,
+)
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly as flown
 
@@ -65,12 +70,8 @@ def test_no_deviation_within_an_interval_is_above_its_bound():
     for offset in np.linspace(0, 600, 41):
         A, B = problem.dynamics.step(np.full(len(craft), offset))
         covariance = spread.covariance[craft, interval]
-        mean_square = sum(
-            deviation_along(
-                np.tile(axis, (len(craft), 1)), (A[:, :3], B[:, :3]), covariance
-            ) ** 2
-            for axis in np.eye(3)
-        )  # fmt: skip
+        axes = np.concatenate([A[:, :3], B[:, :3]], axis=2).swapaxes(0, 1)
+        mean_square = sum(standard_deviation(axis, covariance) ** 2 for axis in axes)
         within = np.maximum(within, np.sqrt(mean_square).reshape(within.shape))
     assert (within <= most).all()
     assert (most < 2 * within).all()
