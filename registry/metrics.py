@@ -2,14 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, SupportsFloat
 
 import pandas as pd
 from mlflow.exceptions import MlflowException
 
-from pipeline.experiments.records import EpochLosses, Training
+from pipeline.experiments.records import TABLES, EpochLosses
 from pipeline.text import first_line
 from registry import entities, models
 from registry.store import Store, opened
@@ -74,10 +73,8 @@ def training_tables(versions: Sequence[models.ModelVersion]) -> tuple[pd.DataFra
     with opened(create=False) as store:
         epochs = [e for v in versions for e in _epochs(store, v, names[v.uri])]
     rows = [_training_row(version) | {"arch": names[version.uri]} for version in versions]
-    return (
-        pd.DataFrame(rows, columns=[field.name for field in fields(Training)]),
-        pd.DataFrame(epochs, columns=[field.name for field in fields(EpochLosses)]),
-    )
+    training, curves = (list(TABLES[name]) for name in ("training", "curves"))
+    return pd.DataFrame(rows, columns=training), pd.DataFrame(epochs, columns=curves)
 
 
 def _training_row(version: models.ModelVersion) -> dict[str, Any]:

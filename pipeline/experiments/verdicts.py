@@ -147,7 +147,6 @@ class PairedComparison:
     safe_interval: ConfidenceInterval  # Newcombe's
     safe_p_value: float
     fuel: float  # mean difference in fuel over its bound, or in the column compared instead
-    fuel_interval: ConfidenceInterval  # Student's
 
     @property
     def safety_differs(self) -> bool:
@@ -172,7 +171,7 @@ def compare(
         for rows in (first, second)
     )
     differences = (one - other).dropna(subset="safe")
-    safe, cost = differences["safe"], differences[fuel].dropna().astype(float)
+    safe = differences["safe"]
     fewer = min((safe > 0).sum(), (safe < 0).sum())
     chance = min(1.0, 2 * special.bdtr(fewer, (safe != 0).sum(), 0.5))  # the sign test
     shares = (rows.loc[differences.index, "safe"].to_numpy(dtype=float) for rows in (one, other))
@@ -181,8 +180,7 @@ def compare(
         safe=float(safe.mean()),
         safe_interval=intervals.newcombe(*shares),
         safe_p_value=float(chance),
-        fuel=float(cost.mean()),
-        fuel_interval=intervals.mean_interval(cost.to_numpy()),
+        fuel=float(differences[fuel].dropna().astype(float).mean()),
     )
 
 

@@ -22,7 +22,8 @@ def test_differences_are_those_of_the_trials_that_both_have():
     assert held.safe == pytest.approx((1 - 1 + 0) / 3)  # trials 1, 2 and 3
     assert held.fuel == pytest.approx((0.5 + 0.5 + 1.0) / 3)
     half = 4.302653 * (1 / 12) ** 0.5 / 3**0.5  # Student's t of 2 degrees; their variance is 1/12
-    assert held.fuel_interval == pytest.approx((held.fuel - half, held.fuel + half))
+    of_three = mean_interval(np.array([0.5, 0.5, 1.0]))
+    assert of_three == pytest.approx((held.fuel - half, held.fuel + half))
 
 
 def test_trials_without_a_ratio_of_fuel_count_where_they_are_safe():
