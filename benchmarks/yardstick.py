@@ -238,10 +238,10 @@ def judged(scenario: Scenario, controls: Controls) -> Judgement:
 
 
 def cost(scenario: Scenario) -> float:
-    """Δv of our plan, m/s, by the scenario's thrust; InputError where the judge refuses it."""
+    """Δv of our plan, m/s, by the scenario's thrust; ProlearnError where the judge refuses it."""
     problem, controls = scenario.problem, solve(scenario).controls
     if not judged(scenario, controls).safe(0.0)[1]:
-        raise InputError(
+        raise ProlearnError(
             f"the plan of {scenario.name} misses its goal by the judge, or comes where it must not."
         )
     order = 1 if problem.thrust.model == "components" else 2
