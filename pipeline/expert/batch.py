@@ -129,7 +129,7 @@ class Batch:
         given = "with any thrust, however large"
         if self.problem.max_acceleration is not None:
             given = "within max_acceleration"
-        if self.limits is not None:
+        if self.limits is not None and self.limits.limiting:
             given = "within its limits of thrust and delta_v, in the intervals in which it may burn"
         reasons = []
         each = zip(self.scenarios, self.swarms.starts, impossible, close, strict=True)

@@ -92,9 +92,10 @@ def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, proble
     By the support function of the controls along y (Farkas' lemma), or, with the largest limit
     that a problem may have, along directions in which controls have almost no effect.
     """
-    y = duals.goal
-    if np.isfinite(y).all():
-        most = support_bound(_along(y, at), duals.split, limits, problem.thrust)[0]
+    largest = np.abs(duals.goal).max()  # infeasible programs end with any size of dual variables
+    if 0 < largest < np.inf:
+        y, split = duals.goal / largest, duals.split / largest
+        most = support_bound(_along(y, at), split, limits, problem.thrust)[0]
         if at.miss[0] @ y[0] > most * (1 + LIMIT_ROUNDING):
             return True
     rows, columns = at.constrained[0], limits.burns[0].ravel()

@@ -14,6 +14,7 @@ COMPONENTS, NORM = "components", "norm"
 ALL_WAYS = 1e-3  # least radius of a ball in the hull of thrusters that push in all directions
 MOST_DIRECTIONS = 64
 LENGTH = 1e-6  # tolerance of the length of a direction, which is 1
+ON_GRID = 1e-6  # share of an interval by which a time may be off the node that it means
 
 Windows = tuple[tuple[float, float], ...]  # begin and end, s since the first node
 Objective = Literal["total", "fair"]
@@ -124,13 +125,20 @@ class Limits(Rows):
     delta_v: PerCraft  # Δv left, m/s
     burns: Bool[Array, "n intervals 3"]  # components that may be nonzero
 
+    @property
+    def limiting(self) -> bool:
+        """Whether any craft has a limit, or an interval without burns."""
+        finite = np.isfinite([self.component, self.norm, self.delta_v])
+        return bool(finite.any() or not self.burns.all())
+
 
 def blocked_intervals(
     windows: Windows, time_step: float, intervals: int
 ) -> Bool[Array, "intervals"]:
-    """Mask of intervals that overlap a window without burns."""
-    starts = time_step * np.arange(intervals)
-    found = np.zeros(intervals, dtype=bool)
+    """Mask of intervals that overlap a window without burns, by more than rounding of its ends."""
+    each, found = np.arange(intervals), np.zeros(intervals, dtype=bool)
     for begin, end in windows:
-        found |= (starts < end) & (starts + time_step > begin)
+        first = np.floor(begin / time_step + ON_GRID)
+        last = max(first, np.ceil(end / time_step - ON_GRID) - 1)
+        found |= (first <= each) & (each <= last)
     return found

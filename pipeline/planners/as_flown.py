@@ -67,6 +67,11 @@ class AsFlown(PlannerWrapper):
             return []
         asked = [self._about(one) for one in scenarios]
         plans = self.planner.plan([_tightened(one) for one in asked])
+        # With nothing left for corrections, where there is no plan else.
+        if refuted := [k for k, plan in enumerate(plans) if plan.status == INFEASIBLE]:
+            again = self.planner.plan([asked[k] for k in refuted])
+            for k, plan in zip(refuted, again, strict=True):
+                plans[k] = plan
         return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:

@@ -10,8 +10,8 @@ from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_range, check_vector, is_whole
 from pipeline.orbit.arrays import States, Values
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import ON_GRID
 
-ON_GRID = 1e-6  # share of an interval by which a waypoint's time may be off its node
 LATEST = 1e12  # s, later than any transfer ends
 MOST_CHOICES = 400  # most combinations of nodes for the waypoints of a craft without a time
 

@@ -2,6 +2,7 @@
 
 import signal
 from dataclasses import replace
+from fractions import Fraction
 
 import cvxpy as cp
 import numpy as np
@@ -15,7 +16,7 @@ from thrusting import AXES, FIVE, MODELS, drawn, least, with_thrust
 from pipeline.expert import mixed_integer, solve, solve_many
 from pipeline.expert.solvers import new_highs
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust import Limits, Thrust
+from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
 from pipeline.orbit.thrust_cost import conjugate_bound, cost, support_bound
 from pipeline.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
@@ -340,3 +341,31 @@ def test_the_worth_of_prices_is_above_what_any_control_within_limits_gains(model
             >= np.maximum(does - spent[:, None], 0).max(axis=0).sum()
         )
         assert support_bound(along, split, limits, thrust)[0] >= does.max(axis=0).sum()
+
+
+@pytest.mark.parametrize("step", ["0.1", "0.7", "33.3", "66.6", "99.9", "100.1", "111.1", "123.4"])
+def test_a_window_without_burns_that_ends_or_begins_at_a_node_touches_no_interval_beyond(step):
+    """Of nodes whose times are exact decimals, whatever multiples of the step are rounded to."""
+    h, each = float(step), np.arange(20)
+    for node in range(1, 20):
+        time = float(node * Fraction(step))
+        assert np.array_equal(blocked_intervals(((0.0, time),), h, 20), each < node)
+        assert np.array_equal(blocked_intervals(((time, 1e12),), h, 20), each >= node)
+        assert np.array_equal(blocked_intervals(((0.0, time + 0.01 * h),), h, 20), each <= node)
+        instant = ((time, time + 1e-9 * h),)
+        assert np.array_equal(blocked_intervals(instant, h, 20), each == node)
+
+
+def test_limits_about_the_least_are_answered_without_a_warning():
+    """Clarabel ends programs just out of reach with dual variables of 1e150 and more."""
+    e = Problem().mean_motion
+    ends = [[100.0, 0.0, 100 * np.tan(np.radians(20.0))], [45.0, 0.0, 0.0]]
+    initial, goal = (np.array([[x, y, z, 0.0, -2 * e * x, 0.0]]) for x, y, z in ends)
+    free = replace(ONE, initial=initial, goal=goal)
+    most = float(np.abs(solve(free).controls).max())
+    low, high = most / 10, most
+    for _ in range(30):
+        limit = (low + high) / 2
+        plan = solve(with_thrust(free, Thrust(), limit=limit))
+        low, high = (low, limit) if plan.status == SOLVED else (limit, high)
+    assert high - low < 1e-8 * high

@@ -213,6 +213,8 @@ def test_a_check_says_that_no_thrust_leads_by_waypoints_that_are_too_many():
     (found,) = [one for one in diagnostics(with_waypoints(still)) if one.rule == "within reach"]
     (case,) = found.cases
     assert case.text == "craft 1 cannot reach its goal by its waypoints, however large its thrust"
+    why = "craft 1 cannot reach its goal by its waypoints with any thrust, however large"
+    assert why in solve(with_waypoints(still)).message
 
 
 def test_a_formation_between_is_one_waypoint_of_each_craft(tmp_path):

@@ -302,6 +302,36 @@ def test_what_is_infeasible_about_the_orbit_is_unsolved_in_the_flight():
     assert "about this orbit the plan is infeasible: craft 0 cannot reach its goal" in plan.message
 
 
+def test_a_limit_that_leaves_corrections_nothing_is_not_said_to_be_out_of_reach():
+    """The least limit of the linear model by HiGHS, and a flight within a little more."""
+    scenario = swarm("rings", 0.01, n=1)
+    problem, begin = scenario.problem, scenario.problem.orbit.states(np.zeros(1))[0]
+    many, intervals = 3 * problem.intervals, problem.intervals
+    linear = linear_flight(begin, problem.time_step, intervals, 1, partial(pull, j2=True))
+    reach = linear(np.zeros((many, 6)), np.eye(many).reshape(many, intervals, 3))[:, -1, -1].T
+    drifted = linear(scenario.initial, np.zeros((1, intervals, 3)))[0, -1, -1]
+    weight = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    maps, change = weight[:, None] * reach / 1e4, weight * (scenario.goal[0] - drifted)
+    either = np.vstack([np.eye(many), -np.eye(many)])
+    found = linprog(
+        np.append(np.zeros(many), 1.0),
+        A_eq=np.column_stack([maps, np.zeros(6)]),
+        b_eq=change,
+        A_ub=np.column_stack([either, -np.ones(2 * many)]),
+        b_ub=np.zeros(2 * many),
+        bounds=(None, None),
+    )
+    limit = 1.0003 * found.fun / 1e4
+    (plan,) = AsFlown(Expert()).plan([limited(scenario, limit)])
+    assert plan.status == SOLVED
+    assert np.abs(plan.controls).max() <= limit * (1 + 1e-6)
+    missed = np.abs(again(plan)[:, -1, -1] - scenario.goal)
+    assert missed[:, :3].max() < 1e-5
+    (less,) = AsFlown(Expert()).plan([limited(scenario, 0.999 * found.fun / 1e4)])
+    assert less.status == UNSOLVED
+    assert "within max_acceleration, which is proven" in less.message
+
+
 def falling(speed, time_step):
     """Two arcs of a craft that is that much slower than the reference at first, m/s."""
     problem, initial = Problem(time_step=time_step, nodes=3), np.zeros((1, 6))
