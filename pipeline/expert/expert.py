@@ -160,7 +160,10 @@ def _safer_candidates(
 
 
 def _leaving_room(plan: Plan, back_off: BackOff, risk_limit: float) -> Scenario:
-    """The scenario with thrust reserved for corrections at each node, where the limit suffices."""
+    """The scenario with thrust reserved for corrections at each node, where the limit suffices.
+
+    So corrections exceed the limit only with a small share of the risk.
+    """
     scenario, limit = plan.scenario, plan.scenario.problem.max_acceleration
     if limit is None or not back_off.closed_loop:
         return scenario

@@ -34,7 +34,11 @@ _thread = local()
 
 
 def by_simplex(sub: Subproblem) -> Optimum:
-    """Solve a subproblem by the dual simplex method; UnsolvableError, as by a thrust limit."""
+    """Solve a subproblem by the dual simplex method.
+
+    UnsolvableError where there is no optimum: with slack, only a thrust limit can make it
+    infeasible.
+    """
     solver, (n, m, k) = _highs(), sub.shape
     upper = np.full(2 * n * m + k, np.inf)
     upper[: 2 * n * m] = sub.limit / sub.unit

@@ -195,8 +195,10 @@ def _passive_safety(
     scenario = plan.scenario
     flown = states, plan.controls, problem_in(scenario.problem, conditions), orbits
     adrift = least_after_loss_nonlinear(*flown)
-    sized = scenario.sized and least_after_loss_nonlinear(*flown, participants([scenario]))
-    return PassiveSafety.of(orbits, adrift, Clearance.of(sized or adrift, scenario))
+    spaced = adrift
+    if scenario.sized:
+        spaced = least_after_loss_nonlinear(*flown, participants([scenario]))
+    return PassiveSafety.of(orbits, adrift, Clearance.of(spaced, scenario))
 
 
 def _of(effect: Effect) -> dict[str, Any]:

@@ -272,7 +272,10 @@ def _curves(
 
 @lru_cache(maxsize=64)
 def _part_maps(dynamics: Dynamics, h: float, most: int) -> Float[Array, "_ 12 9"] | None:
-    """Maps to Bezier points in 1, 2, … equal parts of any interval; None where intervals differ."""
+    """Maps from states and controls to Bezier points in each of 1, 2, … equal parts of an interval.
+
+    None where maps differ between intervals.
+    """
     if dynamics.step(h, np.arange(1))[0].ndim > 2:
         return None
     many = np.arange(1, most + 1).repeat(np.arange(1, most + 1))

@@ -51,7 +51,10 @@ class MinimumFuelTransfers:
 
 
 def minimum_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers | None:
-    """Minimum-fuel controls without limits for changes of state, m and m/s; or None, as facets."""
+    """Minimum-fuel controls for changes of state, m and m/s, without thrust limit, or None.
+
+    None where ``facets_of`` is None.
+    """
     table = facets_of(problem)
     if table is None:
         return None

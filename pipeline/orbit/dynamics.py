@@ -55,7 +55,10 @@ class ClohessyWiltshire:
     def fourth_derivative_bound(
         self, start: AnyState, control: Vector, interval: Interval = 0, since: Since = 0.0
     ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from the state ``since`` s after its start."""
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from the state ``since`` s after its start.
+
+        It gives the error of a cubic interpolant.
+        """
         # At all times x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
         in_plane, cross = self._amplitudes(start, control)
         return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)

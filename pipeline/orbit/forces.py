@@ -80,7 +80,8 @@ def point_mass(position: Vector) -> Vector:
 def oblateness(position: Vector) -> Vector:
     """Acceleration by J2, m/s² (Curtis, "Orbital Mechanics for Engineering Students", ch. 10).
 
-    -(3/2) J2 μ R²/r⁵ ((1 - 5 z²/r²) x, (1 - 5 z²/r²) y, (3 - 5 z²/r²) z), with z to the north.
+    -(3/2) J2 μ R²/r⁵ ((1 - 5 z²/r²) x, (1 - 5 z²/r²) y, (3 - 5 z²/r²) z), with z towards the
+    north pole.
     """
     square = np.vecdot(position, position)[..., None]
     pull = -1.5 * J2 * MU_EARTH * R_EARTH**2 / square**2.5

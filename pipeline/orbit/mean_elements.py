@@ -106,7 +106,10 @@ def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
 
 
 def osculating_states(mean: Formation, *, j2: bool = True) -> Formation:
-    """Inertial states, m and m/s, with the mean elements that ``mean`` states represent."""
+    """Inertial states, m and m/s, with the mean elements that ``mean`` states represent.
+
+    Without J2 both are the same.
+    """
     # Semi-major axes, and so along-track drifts, are corrected to second order, but for a constant,
     # by the energy, which is a constant of the motion.
     if not j2:

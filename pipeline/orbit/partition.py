@@ -52,7 +52,9 @@ class SwarmPartition:
 
     def per_craft(self, within: float | Float[Array, "swarms"]) -> Float[Array, "craft"]:
         """Expand one value for all swarms, or one for each swarm, to a value for each craft."""
-        return np.broadcast_to(within, len(self.sizes)).take(self.label)
+        if isinstance(within, np.ndarray):
+            return within.take(self.label)
+        return np.full(len(self.label), within)
 
     def all_states(
         self, states: States, nodes: slice = slice(None)

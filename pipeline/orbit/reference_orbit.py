@@ -114,7 +114,10 @@ class ReferenceOrbit:
 
     @classmethod
     def of_mean(cls, **fields: Any) -> "ReferenceOrbit":
-        """The orbit with the given mean elements at the epoch, u = ω + ν among them."""
+        """The orbit with the given mean elements at the epoch, u = ω + ν among them.
+
+        Mean elements are osculating ones without their short-period variations by J2, if any.
+        """
         mean = cls(**fields)
         if not mean.j2:
             return mean

@@ -67,7 +67,10 @@ def conjugate_bound(along: Controls, split: Controls, limits: Limits, thrust: Th
 
 
 def support_bound(along: Controls, split: Controls, limits: Limits, thrust: Thrust) -> PerCraft:
-    """Upper bound, like ``conjugate_bound``, on each craft's support function: largest Σ v · u."""
+    """Upper bound on the support function of each craft's controls: the largest Σ v · u in limits.
+
+    The split is as in ``conjugate_bound``.
+    """
     return _conjugate_over_splits(along, [split, along, 0 * along], limits, thrust, 0.0)
 
 

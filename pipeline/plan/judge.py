@@ -176,7 +176,10 @@ def _too_close_adrift(drift: PassiveSafety, problem: Problem) -> str:
 def is_safe(
     certificate: Certificate, problem: Problem, requirements: Requirements = AT_ALL_TIMES
 ) -> bool:
-    """Whether pairs stay apart, by r_col or their sizes, at all times or at nodes, as required."""
+    """Whether all pairs stay apart by the collision radius, or by their sizes where these differ.
+
+    At all times, or at the nodes only, as required.
+    """
     clear = certificate.clearance
     if requirements.at_nodes or (clear is None and certificate.min_separation_bound is None):
         return certificate.node_collisions == 0
