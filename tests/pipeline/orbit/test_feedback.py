@@ -1,6 +1,6 @@
 """Feedback about a plan: what it corrects, and what is left of errors, held against trials."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -98,19 +98,15 @@ def test_what_corrections_cost_and_how_often_they_meet_the_limit_is_what_trials_
     assert risk.total >= risk.saturation
 
 
-class Watched:
-    """A world that remembers the states that intervals begin from."""
+@dataclass(frozen=True)
+class Watched(LinearWorld):
+    """A linear world that remembers the states that intervals begin from."""
 
-    def __init__(self, world):
-        self.world, self.starts = world, []
-
-    @property
-    def of_obstacles(self):
-        return self.world
+    starts: list = field(default_factory=list)
 
     def arc(self, states, controls, interval):
         self.starts.append(states)
-        return self.world.arc(states, controls, interval)
+        return super().arc(states, controls, interval)
 
 
 FIXED = {"position": 0.05, "velocity": 5e-4, "magnitude_fixed": 2e-4, "direction_fixed": 2e-4}
@@ -142,7 +138,7 @@ def test_errors_of_every_kind_spread_a_flight_as_they_are_said_to(orbit, sizes):
     scenario = Scenario(problem, states[:, 0], states[:, -1], "tried", "tried")
     drawn = flown_errors.draws(0, range(6000), 1, 10)
     guide = feedback(controls, states, problem)
-    world = Watched(LinearWorld(problem.dynamics))
+    world = Watched(problem.dynamics)
     fly_trials(scenario, world, guide, drawn, errors)
     spread = dispersion(controls, problem, errors.gaussian(problem.time_step), closed_loop=True)
     for node in (1, 3, 9):
