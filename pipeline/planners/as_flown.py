@@ -67,7 +67,7 @@ class AsFlown(PlannerWrapper):
             return []
         asked = [self._about(one) for one in scenarios]
         plans = self.planner.plan([_tightened(one) for one in asked])
-        # With nothing left for corrections, where there is no plan else.
+        # Limits lowered for corrections may be out of reach where the limits themselves are not.
         if refuted := [k for k, plan in enumerate(plans) if plan.status == INFEASIBLE]:
             again = self.planner.plan([asked[k] for k in refuted])
             for k, plan in zip(refuted, again, strict=True):
