@@ -82,7 +82,10 @@ class RingDocument(
         return np.deg2rad(self.first_phase_deg) + 2 * np.pi * np.arange(n) / n
 
     def states(self, problem: Problem) -> Formation:
-        """LVLH states of its craft at the first node, m and m/s; InputError if it is too large."""
+        """LVLH states of its craft at the problem's first node, m and m/s.
+
+        InputError where the orbit has no relative motion of that size.
+        """
         tilt, cross = np.deg2rad([self.tilt_deg, self.cross_phase_deg]).tolist()
         with np.errstate(all="ignore"):
             found = ring_states(problem, self.size, tilt, self.phase, cross, self.offset)
