@@ -160,17 +160,17 @@ def write_orbit_parameters(
     """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
 
     A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.
-    InputError without a reference orbit, masses or a specific impulse, or for states that are not
-    what the controls lead to.
+    InputError without a reference orbit, for burns without masses or a specific impulse, or for
+    states that are not what the controls lead to.
     """
     epoch = reference_of(plan.scenario).epoch
-    if masses is None or masses.specific_impulse is None:
+    if plan.controls.any() and (masses is None or masses.specific_impulse is None):
         what = "masses of the craft are" if masses is None else "specific impulse is"
         raise InputError(
             f"the {what} not known, and a manoeuvre in an OPM says what mass it takes; expected "
             "mass (kg) and specific_impulse (s), such as 12 and 220."
         )
-    held, burns, scenario = masses, burns_of(plan, masses), plan.scenario
+    burns, scenario = burns_of(plan, masses), plan.scenario
     origin, frame = reference_frames(scenario, np.zeros(scenario.n))
     states = origin + frame.to_inertial(scenario.initial)
     added = _velocities(plan, burns)
@@ -182,7 +182,8 @@ def write_orbit_parameters(
         keys = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
         for key, value in zip(keys, (states[craft] / 1e3).tolist(), strict=True):
             yield f"{key} = {value:.15g}"
-        yield f"MASS = {held.mass[craft]:.15g}"
+        if masses is not None:
+            yield f"MASS = {masses.mass[craft]:.15g}"
         for row in np.flatnonzero(burns.craft == craft).tolist():
             thrust = " ".join(f"{u:.12e}" for u in burns.acceleration[row].tolist())
             start = float(burns.interval[row]) * scenario.problem.time_step

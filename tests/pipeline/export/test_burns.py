@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 from ccsds_ndm.ndm_io import NdmIo
+from judge.motion import exact_step
 from judge.thrusters import Thrusters
 from oem import OrbitEphemerisMessage
 from scipy.integrate import solve_ivp
@@ -197,6 +198,20 @@ def test_an_opm_without_masses_or_a_place_is_refused(made, tmp_path):
     with pytest.raises(InputError, match='"reference"'):
         write_orbit_parameters(nowhere, tmp_path, "p", Masses.of(3, 12.0, 220.0))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_opm_without_burns_needs_no_mass(made, tmp_path):
+    problem = made.scenario.problem
+    A, _ = exact_step(problem.mean_motion, problem.duration)
+    plan = solve(replace(made.scenario, goal=made.scenario.initial @ A.T))
+    assert not plan.controls.any()
+    for name, masses in (("bare", None), ("dry", Masses.of(3, MASS))):
+        for path in write_orbit_parameters(plan, tmp_path / name, name, masses):
+            said = path.read_text()
+            assert "MAN_" not in said
+            assert ("MASS" in said) == (masses is not None)
+            state = NdmIo().from_path(path).body.segment.data.state_vector
+            assert state.epoch.startswith("2026-03-01T23:55:00.25")
 
 
 def test_thrusters_at_their_limits_spend_what_the_certificate_says(tmp_path):
