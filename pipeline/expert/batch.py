@@ -94,8 +94,8 @@ class Batch:
         """Lower bound on the largest share of its Δv that a craft of a scenario burns, or 0."""
         if self.weight is None or self.limits is None:
             return 0.0
-        shares = self.optima.lower_bound * self.problem.time_step / self.limits.delta_v
-        return float(shares[self.craft[k]].max())
+        least, left = (one[self.craft[k]] for one in (self.optima.lower_bound, self.limits.delta_v))
+        return float((least * self.problem.time_step / left).max())
 
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""

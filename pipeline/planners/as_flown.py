@@ -38,7 +38,7 @@ from pipeline.plan import (
 )
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
-from pipeline.planners.planner import PlannerWrapper
+from pipeline.planners.planner import Planner, PlannerWrapper
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.state_constraints import StateConstraints, timed_constraints
@@ -66,12 +66,7 @@ class AsFlown(PlannerWrapper):
         if not scenarios:
             return []
         asked = [self._about(one) for one in scenarios]
-        plans = self.planner.plan([_tightened(one) for one in asked])
-        # Limits lowered for corrections may be out of reach where the limits themselves are not.
-        if refuted := [k for k, plan in enumerate(plans) if plan.status == INFEASIBLE]:
-            again = self.planner.plan([asked[k] for k in refuted])
-            for k, plan in zip(refuted, again, strict=True):
-                plans[k] = plan
+        plans = _planned(self.planner, asked)
         return [self._flown(one, plan) for one, plan in zip(asked, plans, strict=True)]
 
     def _about(self, scenario: Scenario) -> Scenario:
@@ -120,7 +115,7 @@ class AsFlown(PlannerWrapper):
             planner = planner.planner
         asked, solves = replace(plan.scenario, waypoints=passed), 0
         for one in (_shifted_to_linear(asked, plan.controls, plan.states), asked):
-            (found,) = planner.plan([_tightened(one, *more.tolist())])
+            (found,) = _planned(planner, [one.wider(*more.tolist())])
             solves += found.convex_solves
             if found.status == SOLVED:
                 break
@@ -157,11 +152,21 @@ def _shifted_to_linear(scenario: Scenario, controls: Controls, states: States) -
     return replace(scenario, goal=scenario.goal - deviation[:, -1], waypoints=tuple(waypoints))
 
 
-def _tightened(scenario: Scenario, wider: float = 0.0, inside: float = 0.0) -> Scenario:
-    """The scenario with separation and corridors tightened, m, and thrust limits a little lower."""
-    scenario = scenario.wider(wider, inside)
-    eased = replace(_lower_limits(scenario.problem), thrust=_lower_limits(scenario.problem.thrust))
-    return replace(scenario, problem=eased, craft=tuple(map(_lower_limits, scenario.craft)))
+def _planned(planner: Planner, scenarios: Sequence[Scenario]) -> list[Plan]:
+    """Linear plans within limits lowered for corrections or, where none is, the limits given."""
+    lowered = [_with_lower_limits(one) for one in scenarios]
+    plans = planner.plan(lowered)
+    for k, (asked, less) in enumerate(zip(scenarios, lowered, strict=True)):
+        limited = (asked.problem, asked.craft) != (less.problem, less.craft)
+        if plans[k].status == INFEASIBLE and limited:
+            (plans[k],) = planner.plan([asked])
+    return plans
+
+
+def _with_lower_limits(scenario: Scenario) -> Scenario:
+    problem = _lower_limits(scenario.problem)
+    problem = replace(problem, thrust=_lower_limits(problem.thrust))
+    return replace(scenario, problem=problem, craft=tuple(map(_lower_limits, scenario.craft)))
 
 
 Limited = TypeVar("Limited", Problem, Thrust, Spacecraft)
@@ -261,8 +266,8 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
     found, batch = linear.certificate, Batch([shifted], constraints=timed_constraints(shifted))
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        eased = _tightened(scenario)
-        change = bound - Batch([eased], constraints=timed_constraints(eased)).bound(0)[0]
+        chosen = replace(scenario, problem=linear.scenario.problem, craft=linear.scenario.craft)
+        change = bound - Batch([chosen], constraints=timed_constraints(chosen)).bound(0)[0]
         bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
     least, timing = batch.least_share(0), {"plan": linear.timing.get("plan", 0.0)}
     proof = f"{proof}, about the flight, to first order"

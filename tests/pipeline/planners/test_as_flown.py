@@ -332,6 +332,23 @@ def test_a_limit_that_leaves_corrections_nothing_is_not_said_to_be_out_of_reach(
     assert "within max_acceleration, which is proven" in less.message
 
 
+def test_the_bound_of_assigned_goals_is_of_the_limits_that_were_planned_for():
+    """Just above the least limit of one craft, which is least for the goals that are taken."""
+    scenario, planner = swarm("rings", 0.01, n=3), PLANNERS["goal assignment"]
+    low, high = 1e-6, 5e-3
+    for _ in range(30):
+        limit = (low + high) / 2
+        (plan,) = planner.plan([limited(scenario, limit)])
+        low, high = (low, limit) if plan.status == SOLVED else (limit, high)
+    (plan,) = AsFlown(planner).plan([limited(scenario, 1.0003 * high)])
+    assert plan.status == SOLVED
+    given = limited(replace(scenario, goal=plan.scenario.goal), 1.0003 * high)
+    (same,) = AsFlown(Expert()).plan([given])
+    assert plan.certificate.fuel_lower_bound <= plan.certificate.fuel * (1 + 1e-6)
+    bound = same.certificate.fuel_lower_bound  # of those goals alone
+    assert plan.certificate.fuel_lower_bound == pytest.approx(bound, rel=1e-3)
+
+
 def falling(speed, time_step):
     """Two arcs of a craft that is that much slower than the reference at first, m/s."""
     problem, initial = Problem(time_step=time_step, nodes=3), np.zeros((1, 6))
