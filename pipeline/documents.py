@@ -26,7 +26,7 @@ CHECKSUM = "checksum"  # field with the checksum of all others, in documents tha
 
 
 class Strict(BaseModel):
-    """A document or a part of one; unknown keys are refused."""
+    """Base class of documents and their parts, which refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

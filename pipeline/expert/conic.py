@@ -88,7 +88,7 @@ class ConicProgram:
 
     @property
     def thrusts(self) -> int:
-        """Number of variables of all controls, which come first."""
+        """Number of thrust variables, which come first."""
         return len(self.slots[0]) * len(self.price)
 
     @property

@@ -151,7 +151,7 @@ def _completed(
     at: StateConstraints,
     thrust: Thrust | None = None,
 ) -> Float[Array, "n intervals V"]:
-    """Controls, or thrusts, with the least change of free ones that meets the required states."""
+    """Least-squares correction of free controls, or thrusts, to meet the required states."""
     n, constrained, rows = len(amounts), at.constrained, len(at.reach)
     reach = at.weight[:, None] * at.reach
     if thrust is not None:

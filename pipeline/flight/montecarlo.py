@@ -160,7 +160,10 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
 
 
 def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
-    """Whether a shard is sound and whole; InputError for one of other settings or versions."""
+    """Whether a shard is sound, with its timings and the rows that are asked for.
+
+    InputError where it was made with other settings or versions.
+    """
     name, folder, listed = portion.path, ledger.folder, ledger.shards
     if name in listed and not ledger.is_sound(name):
         return False

@@ -208,7 +208,7 @@ def _effects(
     burn: Float[Array, "n intervals 3 3"],
     thruster: Float[Array, "n intervals 3 4"],
 ) -> Float[Array, "n T size J"]:
-    """Effects of the standard normal variables on states or on controls, as in ``Dispersion``."""
+    """Linear maps from standard normal variables to deviations of states, or of controls."""
     (T, size, _), (n, m), count = to_navigation.shape, burn.shape[:2], len(known)
     found = np.empty((n, T, size, count + 3 * m + 4))
     found[..., :count] = to_navigation @ known

@@ -345,7 +345,7 @@ def test_the_worth_of_prices_is_above_what_any_control_within_limits_gains(model
 
 @pytest.mark.parametrize("step", ["0.1", "0.7", "33.3", "66.6", "99.9", "100.1", "111.1", "123.4"])
 def test_a_window_without_burns_that_ends_or_begins_at_a_node_touches_no_interval_beyond(step):
-    """Of nodes whose times are exact decimals, whatever multiples of the step are rounded to."""
+    """Times of nodes are multiples of a decimal step, taken exactly by fractions."""
     h, each = float(step), np.arange(20)
     for node in range(1, 20):
         time = float(node * Fraction(step))
@@ -357,7 +357,7 @@ def test_a_window_without_burns_that_ends_or_begins_at_a_node_touches_no_interva
 
 
 def test_limits_about_the_least_are_answered_without_a_warning():
-    """Clarabel ends programs just out of reach with dual variables of 1e150 and more."""
+    """For limits just too small Clarabel returns dual variables of 1e150 and more."""
     e = Problem().mean_motion
     ends = [[100.0, 0.0, 100 * np.tan(np.radians(20.0))], [45.0, 0.0, 0.0]]
     initial, goal = (np.array([[x, y, z, 0.0, -2 * e * x, 0.0]]) for x, y, z in ends)
