@@ -62,9 +62,12 @@ class Cluster:
         logs = [self.folder / f"{self.started.index(worker)}.log" for worker in self.workers]
         return all("Starting established connection" in log.read_text() for log in logs)
 
-    def clients(self) -> int:
-        """How many have connected so far."""
-        return self.log.read_text().count("Receive client connection")
+    def await_call(self) -> None:
+        """Wait until a call is in the hands of a worker."""
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            until(lambda: any(client.processing().values()))
 
     def kill_workers(self) -> None:
         """Kill all, at once."""

@@ -142,9 +142,8 @@ def test_a_scheduler_that_does_not_come_back_ends_the_run_with_a_sentence_and_st
     cluster.workers[0].send_signal(signal.SIGSTOP)  # so that the run is not done too early
     options = ["--backend", "dask", "--scheduler", cluster.address, "--scheduler-wait", "0.5"]
     command = [*forked.command, "solve", str(there), *options]
-    clients = cluster.clients()
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    until(lambda: cluster.clients() > clients)
+    cluster.await_call()
     kill(cluster.scheduler)
     said, complaints = run.communicate(timeout=60)
     assert (run.returncode, said) == (1, "")
