@@ -235,9 +235,10 @@ def traced(
                 verbose=False,
             )
     except Exception as error:  # torch raises many kinds, some of them private
+        why = first_line(error.__cause__ or error)  # its exporter tells the step that failed
         raise ProlearnError(
-            f"architecture {name!r} cannot be exported ({first_line(error)}); expected a forward "
-            "pass that torch.export.export can trace."
+            f"architecture {name!r} cannot be exported ({why}); expected a forward pass that "
+            "torch.export.export can trace."
         ) from error
     assert made is not None, "the exporter that uses torch.export returns a program"
     return made

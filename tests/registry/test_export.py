@@ -6,10 +6,13 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+import torch
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model
+from pipeline.networks.onnx_export import traced
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
@@ -172,3 +175,13 @@ def test_a_file_that_does_not_answer_as_torch_is_not_written(
     assert done.exit_code == 1
     assert "differs from torch's" in done.output
     assert list(folder.glob("*onnx*")) == []
+
+
+def test_what_torch_cannot_trace_is_said_in_words():
+    class Branching(torch.nn.Module):
+        def forward(self, x):
+            return x if x.sum() > 0 else -x
+
+    wanted = r"'mine' cannot be exported \([ -~]*data-dependent[ -~]*\); expected a forward pass"
+    with pytest.raises(ProlearnError, match=wanted):
+        traced(Branching(), {"x": torch.ones(3)}, ["y"], [{}], "mine")
