@@ -149,14 +149,16 @@ def fly_all(
 
 
 def _unlike(scenario: Scenario) -> dict[str, Any]:
-    """Radii, obstacles and corridors of a scenario, for the metadata of a shard."""
-    if not scenario.unlike:
-        return {}
-    return {
-        "radii": scenario.radii.tolist(),
-        "obstacles": {k: asdict(one) for k, one in enumerate(scenario.obstacles)},
-        "corridors": {k: asdict(one) for k, one in enumerate(scenario.corridors)},
-    }
+    """Radii, obstacles, corridors and limits of thrusters, for the metadata of a shard."""
+    found: dict[str, Any] = {}
+    own = [one.max_acceleration for one in scenario.craft]
+    if any(own) and not isinstance(scenario.problem.thrust.model, str):
+        found["craft_max_acceleration"] = own
+    if scenario.unlike:
+        found["radii"] = scenario.radii.tolist()
+        found["obstacles"] = {k: asdict(one) for k, one in enumerate(scenario.obstacles)}
+        found["corridors"] = {k: asdict(one) for k, one in enumerate(scenario.corridors)}
+    return found
 
 
 def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:

@@ -14,7 +14,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.feedback import feedback_gains
 from pipeline.orbit.nearest import nearest, smaller_separation
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.thrust_cost import interval_fuel
+from pipeline.orbit.thrust_cost import cost_within
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
@@ -64,7 +64,7 @@ def fly_trials(
     wrong, loss = navigation_errors(drawn, errors, problem), lost_thrust(drawn, errors, problem)
     adrift = _mask(loss.by(0), n)
     state = scenario.initial - wrong[:, 0]
-    used, missed = np.zeros(trials), np.zeros(trials, dtype=int)
+    held, shares, missed = [], [], np.zeros(trials, dtype=int)
     late, carried = np.zeros((*shape, 3)), state
     for node in range(problem.intervals):
         known = _with_impulse(state, late) + wrong[:, node] if node else scenario.initial
@@ -81,11 +81,14 @@ def fly_trials(
         start, late = _with_impulse(state, late - lag), lag
         state, least = _fly_interval(world, around, start, burns.held, node, loss, h)
         met.append(least)
-        share = np.where(stops, loss.time[:, None, None] / h - node, 1.0)
-        used += interval_fuel(burns.held * share, problem.thrust) * h
+        held.append(burns.held)
+        shares.append(np.where(stops[..., 0], loss.time[:, None] / h - node, 1.0))
         missed += burns.missed
     least, miss = reduce(LeastDistances.nearer, met), _with_impulse(state, late) - scenario.goal
     miss = np.where(adrift[..., None], 0.0, miss)
+    # Trial by trial, since what the program for thrusts rounds depends on all burns in it.
+    each = [cost_within(one, problem.thrust, scenario.limits) for one in np.stack(held, axis=2)]
+    used = h * (np.stack(each) * np.stack(shares, axis=2)).sum(axis=(1, 2))
     return {
         **least.columns(problem.collision_radius),
         "goal_error": norm(miss[..., :3]).max(axis=1),

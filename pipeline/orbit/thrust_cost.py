@@ -35,13 +35,6 @@ def cost(controls: Vector, thrust: Thrust) -> Scalar:
     return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))
 
 
-def interval_fuel(controls: Float[Array, "K n 3"], thrust: Thrust) -> Float[Array, "K"]:
-    """Fuel of all craft in an interval for each of K trials, m/s², without limits."""
-    if thrust.model == COMPONENTS:
-        return np.asarray(np.abs(controls).sum(axis=(1, 2)))
-    return np.asarray(cost(controls, thrust).sum(axis=1))
-
-
 def dual_norm(along: Vector, thrust: Thrust) -> Scalar:
     """Dual norm of the cost: the largest v · u of controls u of cost 1, for vectors v."""
     if thrust.directions is None:

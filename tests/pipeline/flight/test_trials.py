@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi, ncx2
 
+from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.figures.intervals import wilson
 from pipeline.flight.errors import Errors, draws
+from pipeline.flight.loops import TrialSettings, flight_loops
+from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import Thrust
+from pipeline.orbit.thrust_cost import cost
+from pipeline.parallel.workers import Workers
 from pipeline.scenario import Scenario, draw
+from pipeline.scenario.spacecraft import Spacecraft
 
 STRAIGHT = Problem(mean_motion=1e-12, time_step=100.0, nodes=5, collision_radius=15.0)
 """So slow an orbit that motion is straight, as Gaussian geometry in closed form wants it."""
@@ -47,6 +54,40 @@ def test_without_errors_a_plan_has_the_numbers_of_its_certificate(planned):
     assert found["goal_velocity_error"].max() < 1e-12
     assert found["delta_v"] == pytest.approx(certificate.delta_v, rel=1e-12)
     assert not found["missed_burns"].any()
+
+
+LEGS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+THRUSTERS = Thrust(tuple(map(tuple, np.vstack([LEGS, [[1, 0, 0], [-1, 0, 0]]]).tolist())))
+
+
+def weak(limit):
+    """Three craft of six thrusters, of which one craft's have a limit, m/s²."""
+    drawn = draw("rings", 0, 3, 3, Problem(nodes=6), "test")
+    craft = Spacecraft(max_acceleration=limit), Spacecraft(), Spacecraft()
+    return replace(drawn, problem=replace(drawn.problem, thrust=THRUSTERS), craft=craft)
+
+
+def test_thrusters_at_their_limits_burn_what_certificates_say():
+    scenario = weak(0.005)
+    plan = solve(scenario)
+    assert plan.status == "solved"
+    used = plan.certificate.delta_v
+    found = flown(scenario, plan.controls, Errors(), trials=3)["delta_v"]
+    assert found == pytest.approx(used, rel=1e-9)
+    assert cost(plan.controls, THRUSTERS).sum() * scenario.problem.time_step < 0.999 * used
+    errors = Errors(magnitude=0.02, lost=1.0)
+    several = flown(scenario, plan.controls, errors, trials=3)["delta_v"]
+    assert several[0] == flown(scenario, plan.controls, errors, trials=1)["delta_v"][0]
+    assert (several < used).all()
+
+
+def test_a_folder_refuses_other_limits_of_thrusters(tmp_path):
+    scenario, other = weak(0.005), weak(0.006)
+    (loop,) = flight_loops(solve(scenario), Errors())
+    world = LinearWorld(scenario.problem.dynamics)
+    fly_all(tmp_path, TrialSettings(scenario, world, Errors()), [loop], 2, workers=Workers(1))
+    with pytest.raises(InputError, match=r"craft_max_acceleration = "):
+        fly_all(tmp_path, TrialSettings(other, world, Errors()), [loop], 2, workers=Workers(1))
 
 
 def pass_by(offset):
