@@ -88,7 +88,8 @@ def _obstacle_arcs(scenario: Scenario, world: World) -> Iterator[Float[Array, "m
     states = np.array([one.state for one in scenario.obstacles])
     held = np.array([one.hold for one in scenario.obstacles])
     for k in range(scenario.problem.intervals):
-        arcs = world.of_obstacles.arc(states, np.zeros((len(states), 3)), k)
+        flown = np.where(held[:, None], 0.0, states)  # held ones as the reference
+        arcs = world.of_obstacles.arc(flown, np.zeros((len(states), 3)), k)
         arcs[held] = states[held, None, None]
         states = arcs[:, -1, -1]
         yield arcs

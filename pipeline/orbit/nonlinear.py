@@ -179,7 +179,9 @@ def _arcs_beside(
     pushed[:n] = controls
     ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
     ballistics[:n] = dynamics.orbit.ballistics(n)
-    arcs = flown_arcs(dynamics, start, pushed, ballistics)
+    begin = np.array(start)
+    begin[swarms.held] = 0.0  # where they are held they might drift into the Earth
+    arcs = flown_arcs(dynamics, begin, pushed, ballistics)
     arcs[swarms.held] = start[swarms.held, None, None, None]
     return arcs
 

@@ -253,6 +253,21 @@ def test_craft_adrift_come_as_close_to_obstacles_as_when_integrated(obstacle):
     assert not report["safe"] or truth > 0
 
 
+def test_what_is_held_does_not_fall_where_it_would_if_it_were_let_go():
+    """From 150 km below a craft's orbit, without thrust, it would come down."""
+    below = Obstacle("below", (-150e3, 0.0, 0.0, 0.0, 0.0, 0.0), radius=5.0, hold=True)
+    plan = solve(swarm(2, craft=RADII))
+    beside = replace(plan.scenario, obstacles=(below,))
+    alone, met = (
+        flight_report(
+            replace(plan, scenario=one), ROUGH, effects(one, plan.controls, ROUGH), orbits=1.0
+        )["passive_safety"]["clearance"]
+        for one in (plan.scenario, beside)
+    )
+    assert met["other"] == alone["other"]
+    assert met["min_clearance"] == pytest.approx(alone["min_clearance"], abs=1e-6)
+
+
 STRAIGHT = Problem(mean_motion=1e-12, time_step=100.0, nodes=5, collision_radius=30.0)
 """So slow an orbit that motion is straight."""
 
