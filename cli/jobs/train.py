@@ -174,7 +174,10 @@ def promote(
         return models.set_champion(version), ""
     where = data or version.params.get("dataset", "")
     try:
-        mine = training.validation_trials(models.load(version)[0], where, version.n)
+        if not where:
+            raise InputError("the run that names what it was trained on is gone")
+        model, _ = models.load(version)
+        mine = training.validation_trials(model, where, model.n_train)
         better, reason = _compared(version, mine, champion, where)
     except InputError as error:
         raise InputError(
@@ -191,9 +194,9 @@ def _compared(
     version: ModelVersion, mine: pd.DataFrame, champion: ModelVersion, data: Where
 ) -> tuple[bool, str]:
     """Whether a version, by its trials, is better than the champion, and the figures in words."""
-    theirs = training.validation_trials(models.load(champion)[0], data, version.n)
-    if mine.empty or theirs.empty:
+    if mine.empty:
         raise InputError("there are no validation scenarios")
+    theirs = training.validation_trials(models.load(champion)[0], data, int(mine["n"].iloc[0]))
     compared = compare(mine, theirs, "fuel")
     ours, others = flown_metrics(mine), flown_metrics(theirs)
     chance = ", since the difference in safety may be chance" if compared.safe else ""

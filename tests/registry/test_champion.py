@@ -12,6 +12,7 @@ from cli.settings import TrainingSettings
 from pipeline.errors import InputError
 from pipeline.networks.model import Model
 from registry.models import ModelVersion, list_versions, resolve
+from registry.store import connect
 
 Register = Callable[..., tuple[ModelVersion, Model]]
 
@@ -68,6 +69,17 @@ def test_versions_of_other_data_are_compared_on_one_that_is_given(
     register(1.0)
     register(0.0, data="gone/elsewhere")
     with pytest.raises(InputError, match=r"gone/elsewhere does not exist.*--data"):
+        promote("ff1", 2)
+    assert promote("ff1", 2, str(solved))[0].version == 2
+
+
+def test_a_version_whose_training_run_was_deleted_is_compared_on_data_that_are_given(
+    register: Register, solved: Path
+) -> None:
+    register(1.0)
+    better, _ = register(0.0)
+    connect().client.delete_run(better.run_id)
+    with pytest.raises(InputError, match=r"the run that names what .* is gone.*give --data"):
         promote("ff1", 2)
     assert promote("ff1", 2, str(solved))[0].version == 2
 
