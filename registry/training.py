@@ -211,7 +211,8 @@ def _log_curves(store: Store, run_id: str, record: TrainingRecord) -> None:
 
 
 def _log_model(folder: Path, model: Model) -> str:
-    example = draw("rings", seed=0, n=2, index=0, problem=model.problem)
+    # Of a family whose formations are the larger, the larger the collision radius is.
+    example = draw("dense", seed=0, n=2, index=0, problem=model.problem)
     info = mlflow.pyfunc.log_model(
         name="model",
         loader_module="registry.pyfunc",

@@ -103,6 +103,14 @@ def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
     assert row["seconds"] == project.trained.seconds
 
 
+def test_a_network_for_a_radius_at_which_no_rings_fit_is_registered(project: Project) -> None:
+    model = project.trained.model
+    project.trained = replace(
+        project.trained, model=model.on(replace(model.problem, collision_radius=1000.0))
+    )
+    assert load(project.train(7.5))[0].problem.collision_radius == 1000
+
+
 def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) -> None:
     for rmse, recipe in ((3.0, "paper"), (2.0, "tuned"), (4.0, "paper")):
         project.train(rmse, recipe)
