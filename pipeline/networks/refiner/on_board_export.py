@@ -31,6 +31,7 @@ TOLERANCE = 1e-5  # largest difference from the whole swarm's controls, as a sha
 MOST_TIES = 1 / 3  # largest share of the swarms that may find another optimum of the same fuel
 SIZES = (2, 10, 30)  # swarm sizes that are flown
 DRAWS = 2  # swarms of each
+FITTING = 15.0  # collision radius at which they are drawn, m; they grow with the network's
 
 AgentMemory = dict[str, Any]  # what one craft knows: arrays by the names of ``on_board.VALUES``
 # Runs a step, by its name, on what one craft knows, and returns its outputs by name
@@ -139,10 +140,11 @@ def check(folder: Path, model: Model) -> ExportedCraft:
     network, problem = model.network, model.problem
     assert isinstance(network, MessagePassing), "a refiner's"
     run, compared, radius = Files(folder), [], problem.collision_radius
+    drawn_for, size = replace(problem, collision_radius=FITTING), radius / FITTING
     for n in SIZES:
         for k in range(DRAWS):
-            scenario = draw("rings", 0, n, k, problem, "valid")
-            ends = scenario.initial, scenario.goal
+            scenario = draw("rings", 0, n, k, drawn_for, "valid")
+            ends = scenario.initial * size, scenario.goal * size
             given = np.stack(list(fly_rounds(run, *ends, radius, rounds=network.rounds)))
             compared.append(compare(given, swarm_controls(network, problem, *ends)))
     difference = max(found.difference for found in compared)

@@ -136,6 +136,13 @@ def test_the_files_say_by_name_what_goes_in_and_out(exported):
     assert exported.seconds.keys() == exported.kib.keys() == STEPS.keys()
 
 
+def test_files_are_checked_for_a_radius_at_which_rings_of_thirty_craft_do_not_fit(model, exported):
+    wide = model.on(replace(PROBLEM, collision_radius=100.0))
+    found = check(exported.folder, wide)
+    assert (found.encounters, found.ties) == (exported.encounters, exported.ties)
+    assert found.difference <= 1e-5
+
+
 def test_files_of_other_weights_are_found_out(model, exported):
     other = find("refiner").network(model.config, model.encoding, 0.0)
     torch.nn.init.normal_(other.offer.weight, std=0.05)
