@@ -67,9 +67,14 @@ def model_metric_by_size(version: models.ModelVersion, name: str) -> dict[int, f
     return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
 
 
-def training_tables(versions: Sequence[models.ModelVersion]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tables of trainings: a row for each version, and a row for each epoch of its losses."""
-    names = models.table_names(versions)
+def training_tables(
+    versions: Sequence[models.ModelVersion], names: Mapping[str, str] | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tables of trainings: a row for each version, and a row for each epoch of its losses.
+
+    Versions have names by URI, by default those of ``table_names``.
+    """
+    names = models.table_names(versions) if names is None else names
     with opened(create=False) as store:
         epochs = [e for v in versions for e in _epochs(store, v, names[v.uri])]
     rows = [_training_row(version) | {"arch": names[version.uri]} for version in versions]

@@ -95,6 +95,11 @@ class ModelVersion:
         """Architecture and recipe, as tables call it."""
         return f"{self.arch}:{self.recipe}"
 
+    @property
+    def numbered(self) -> str:
+        """Architecture and version, as tables call one of several that differ beyond seeds."""
+        return f"{self.arch}/{self.version}"
+
 
 def recipe_params(recipe: Recipe) -> dict[str, Any]:
     """A recipe as parameters of a run."""
@@ -109,7 +114,7 @@ def table_names(versions: Sequence[ModelVersion]) -> dict[str, str]:
         alike = [v for v in versions if v.label == version.label]
         again = [v.training_seed for v in alike].count(version.training_seed) > 1
         mixed = again or len({v.training_key for v in alike}) > 1
-        names[version.uri] = f"{version.arch}/{version.version}" if mixed else version.arch
+        names[version.uri] = version.numbered if mixed else version.arch
     return names
 
 

@@ -180,7 +180,10 @@ def _without_faulty(
 def _results(
     parts: Mapping[str, ReportedRun], examples: Sequence[Example], notes: Sequence[str]
 ) -> Results:
-    training, curves = training_tables(parts[EVALUATED].models)
+    first = parts[EVALUATED]
+    there = set(first.table["planner"])  # with the names of then, though models may have gone since
+    names = {v.uri: v.numbered if v.numbered in there else v.arch for v in first.models}
+    training, curves = training_tables(first.models, names)
     tables: dict[str, list[pd.DataFrame]] = {}
     for part in parts.values():
         name, _ = KINDS[part.run.experiment]

@@ -177,3 +177,28 @@ def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(
     record_training(trained, recipe=replace(recipe, name="no-third"), seed=0, dataset=on_solved)
     assert report(folder / "after").markdown.read_bytes() == before
     assert [version.recipe for version in list_versions()] == ["tuned", "no-third"]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "removed", "names"), [((0, 0), "version", {"ff1/2"}), ((0, 1), "run", {"ff1"})]
+)
+def test_trainings_keep_the_names_of_the_evaluation_where_one_of_them_was_deleted(
+    seeds: tuple[int, int],
+    removed: str,
+    names: set[str],
+    folder: Path,
+    solved: Path,
+    trained: Trained,
+    recipe: Recipe,
+    on_solved: DatasetInfo,
+) -> None:
+    first, _ = (record_training(trained, recipe=recipe, seed=k, dataset=on_solved) for k in seeds)
+    asked = Evaluation(models="ff1/1,ff1/2", data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
+    evaluate(asked, workers=Workers(1))
+    client = connect().client
+    if removed == "version":
+        client.delete_model_version(first.name, "1")
+    else:
+        client.delete_run(first.run_id)
+    report(Path("fewer"))
+    assert set(made(Path("fewer"))[2]["arch"]) == names
