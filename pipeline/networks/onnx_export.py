@@ -195,15 +195,28 @@ def export(
         )
     outputs = ("states", "controls") if flown else ("states",)
     module = ExportedGraph(architecture, model, flown=flown)
-    craft = n or max(2, min(TRACED, model.n_train - 1))
-    free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
-    ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
-    made = traced(module, ends, outputs, (free, free), model.architecture)
+    try:
+        made = _traced_for(n, module, outputs, model)
+    except ProlearnError:
+        if n is not None or model.n_train > 1:
+            raise
+        n = 1  # all that a feed-forward network of one craft answers for without averages
+        made = _traced_for(n, module, outputs, model)
     with published(path) as temporary:
         axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
         write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
         exported = _check(temporary, model, n, flown=flown)
     return replace(exported, path=path)
+
+
+def _traced_for(
+    n: int | None, module: ExportedGraph, outputs: Sequence[str], model: Model
+) -> torch.onnx.ONNXProgram:
+    """The graph for n craft, or for any number that one graph answers for."""
+    craft = n or max(2, min(TRACED, model.n_train - 1))
+    free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
+    ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}
+    return traced(module, ends, outputs, (free, free), model.architecture)
 
 
 # Files by torch's exporter, and how they are run on one core.

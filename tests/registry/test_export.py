@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,17 +8,20 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from short_transfer import PROBLEM
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.dataset.examples import Examples
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import traced
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import straight_line
 from pipeline.scenario import draw
-from pipeline.training.loop import Trained
+from pipeline.training.loop import Trained, train
 from registry.metrics import add_model_results
 from registry.training import DatasetInfo, record_training
 
@@ -84,6 +88,18 @@ def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_any_one_size_b
     assert "for n = 12." in export("ff1/1", "--n", "12", "--out", "twelve.onnx")
     assert_answers_like(folder / "twelve.onnx", ff1, 12)
     assert session(folder / "twelve.onnx").get_inputs()[0].shape == ["batch", 12, 6]
+
+
+def test_a_feed_forward_file_of_a_training_on_single_craft_is_for_one_craft(
+    folder: Path, recipe: Recipe, dataset: DatasetInfo
+) -> None:
+    drawn = [draw("rings", 0, 1, k, PROBLEM) for k in range(4)]
+    first, last = (np.stack([getattr(one, end) for one in drawn]) for end in ("initial", "goal"))
+    alone = Examples(PROBLEM, first, last, straight_line(first, last, PROBLEM.nodes))
+    made = train("ff1", replace(recipe, epochs=1), alone, alone, device="cpu")
+    record_training(made, recipe=recipe, seed=0, dataset=dataset)
+    assert "for n = 1." in export("ff1", "--out", "one.onnx")
+    assert_answers_like(folder / "one.onnx", made.model, 1)
 
 
 def test_several_models_go_into_a_folder_under_their_own_names(
