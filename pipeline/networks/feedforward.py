@@ -77,7 +77,7 @@ def _average(network: nn.Module, inputs: Trajectories, size: int) -> Trajectorie
     chosen = combinations_of(n, size)  # (k, size)
     craft = torch.from_numpy(chosen.copy()).to(inputs.device)
     swarms = inputs[:, craft].reshape(-1, size, T, 6)  # (b·k, size, T, 6)
-    answers = _answer(network, swarms).reshape(b, -1, 6 * T)  # (b, k·size, 6T)
+    answers = _answer(network, swarms).reshape(b, chosen.size, 6 * T)  # (b, k·size, 6T)
     # A product, not index_add: ONNX has no sum over repeated indices.
     shares = torch.from_numpy(_shares(n, size)).to(inputs)  # (n, k·size)
     return (shares @ answers).reshape(inputs.shape)

@@ -54,6 +54,11 @@ def test_a_larger_swarm_s_answer_is_the_mean_over_all_combinations():
     assert (answer == answer[:, :, :1, :1]).all()
 
 
+def test_no_swarms_of_a_larger_size_have_no_answers():
+    answer = FF1.forward(SumOfCraft(2), craft_inputs([1.0, 2.0, 3.0])[:0], encoding(2))
+    assert answer.shape == (0, 3, T, 6)
+
+
 def test_a_network_that_keeps_each_craft_to_itself_is_left_alone_by_padding_and_averaging():
     class Twice(nn.Module):
         def forward(self, flat):
