@@ -167,9 +167,14 @@ def _segment(text: str) -> tuple[dict[str, str], Segment]:
             "order of time"
         )
     window = (
-        _time(keywords, "USEABLE_START_TIME", base, float(times[0])),
-        _time(keywords, "USEABLE_STOP_TIME", base, float(times[-1])),
+        max(float(times[0]), _time(keywords, "USEABLE_START_TIME", base, -np.inf)),
+        min(float(times[-1]), _time(keywords, "USEABLE_STOP_TIME", base, np.inf)),
     )
+    if not window[0] <= window[1]:
+        raise InputError(
+            "has a segment whose USEABLE_START_TIME and USEABLE_STOP_TIME leave none of its time; "
+            "expected the one before the other, and states around them"
+        )
     states = 1e3 * np.array([state for _, state in rows])
     return keywords, Segment(base, times, states, window, *_interpolation(keywords))
 
@@ -214,8 +219,8 @@ def _epoch(text: str) -> UtcTime:
             raise ValueError
         form = "%Y-%m-%dT%H:%M:%S" if found[1].count("-") == 2 else "%Y-%jT%H:%M:%S"
         second = datetime.strptime(found[1], form).replace(tzinfo=UTC)
-        if not YEARS[0] < second.year < YEARS[1]:
-            raise ValueError
+        if second.year != int(found[1][:4]) or not YEARS[0] < second.year < YEARS[1]:
+            raise ValueError  # day 366 of another year than a leap year is the next year's first
     except ValueError as error:
         raise InputError(
             f"has the time {_shown(text)}; expected UTC such as 2026-03-01T12:00:00.000, and no "

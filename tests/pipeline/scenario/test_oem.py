@@ -136,6 +136,15 @@ def test_states_are_taken_only_where_they_are_said_to_be_usable(rows):
         made.state_at(EPOCH, 30.0)
 
 
+def test_usable_times_beyond_the_states_are_not_extrapolated_to(rows):
+    wide = {"USEABLE_START_TIME": stamp(-900), "USEABLE_STOP_TIME": stamp(9000)}
+    made = ephemeris_from(message(rows, **wide), "a.oem")
+    assert made.start == EPOCH
+    for seconds in (-1.0, STEP * COUNT):  # the last state is one step earlier
+        with pytest.raises(InputError, match="has states from 2026-03-01T23:59:30"):
+            made.state_at(EPOCH, seconds)
+
+
 def test_what_is_not_understood_is_refused_in_a_sentence(rows):
     whole = message(rows)
     for text, words in (
@@ -153,6 +162,11 @@ def test_what_is_not_understood_is_refused_in_a_sentence(rows):
         (message([rows[0].replace(" -4500.0", " nan")]), "expected an epoch and x y z"),
         (message([rows[0].replace("23:59:30", "23:59:60")]), "and no leap second"),
         (message([rows[0].replace("2026-03", "2026-13")]), "has the time '2026-13-01T"),
+        (message([rows[0].replace("2026-03-01", "2026-366")]), "has the time '2026-366T"),
+        (
+            message(rows, USEABLE_START_TIME=stamp(600), USEABLE_STOP_TIME=stamp(60)),
+            "USEABLE_START_TIME and USEABLE_STOP_TIME leave none of its time",
+        ),
         (whole.replace("META_STOP", ""), "has META_START without META_STOP"),
         (whole.replace("OBJECT_NAME = A", "OBJECT_NAME"), "has the line 'OBJECT_NAME'; expected"),
         (whole.partition("META_START")[0], "has 0 values of OBJECT_ID; expected one"),
