@@ -214,7 +214,8 @@ def _outline(one: Corridor, times: Values, positions: Float[Array, "n S 3"]) -> 
     """A line along the edges of a corridor, m; a cone's is as long as its craft are distant."""
     if isinstance(one.inside, Box):
         return one.inside.outline()
-    counts = positions[list(one.craft) or slice(None)][:, (times >= one.begin) & (times <= one.end)]
+    first, last = np.searchsorted(times, one.begin, "right") - 1, np.searchsorted(times, one.end)
+    counts = positions[list(one.craft) or slice(None), first : last + 1]  # and just around it
     return one.inside.outline(norm(counts - np.array(one.inside.apex)).max())
 
 

@@ -1,5 +1,6 @@
 """What a page shows of the motion is exact at every time, and has the closest approaches."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -215,3 +216,14 @@ def test_a_cone_is_drawn_as_far_as_its_craft_and_small_craft_so_that_they_are_se
     low, high = np.array(data["box"]).T
     assert np.all(ends > low) and np.all(ends < high)
     assert 0.003 < data["radii"][0] / (high - low).max() < 0.01
+
+
+def test_a_cone_that_counts_between_two_times_of_the_page_is_drawn_as_far_as_its_craft_there():
+    scenario = read_scenario(EXAMPLES / "station-docking.json")
+    plan = solve(scenario)
+    spacing = np.diff(page_data(plan)[0]["times"]).max()
+    brief = replace(scenario.corridors[0], begin=0.4 * spacing, end=0.6 * spacing)
+    data, _ = page_data(replace(plan, scenario=replace(scenario, corridors=(brief,))))
+    apex = np.array(brief.inside.apex)
+    length = np.linalg.norm(np.array(data["corridors"][0]) / 100 - apex, axis=1).max()
+    assert length == pytest.approx(np.linalg.norm(plan.states[0, 0, :3] - apex), rel=0.05)
