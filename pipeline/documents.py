@@ -83,7 +83,7 @@ def document_in(content: bytes, kind: type[Document], where: object, what: str) 
     """Parse and validate a JSON text as a document; InputErrors name where the text is from."""
     try:
         value = parse_json(content)
-        _refuse_repeated(content)
+        refuse_repeated(content)
         return kind.model_validate(value)
     except ValidationError as error:  # which is a ValueError
         raise InputError(f"{where}: {faults(error, kind)}; expected {what}.") from error
@@ -93,7 +93,7 @@ def document_in(content: bytes, kind: type[Document], where: object, what: str) 
         raise InputError(f"{where} is not JSON: {error}; expected {what}.") from error
 
 
-def _refuse_repeated(content: bytes) -> None:
+def refuse_repeated(content: bytes) -> None:
     """Raise InputError for a field that is there twice: readers take one or the other."""
 
     def once(fields: list[tuple[str, Any]]) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.documents import MOST_BYTES, parse_json
+from pipeline.documents import MOST_BYTES, parse_json, refuse_repeated
 from pipeline.errors import InputError, error_context, is_number
 from pipeline.files import read_bytes
 from pipeline.orbit.arrays import Formation
@@ -159,6 +159,8 @@ def _json_rows(text: str, name: str) -> list[dict[str, Any]]:
         rows = parse_json(text.encode())
     except ValueError as error:
         raise InputError(f"{name} is not JSON: {error}; expected {WHAT}.") from error
+    with error_context(name):
+        refuse_repeated(text.encode())
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{name} is no list of objects; expected one for each craft, in [].")
     return rows

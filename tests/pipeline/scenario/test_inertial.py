@@ -246,6 +246,7 @@ def test_bad_tables_are_refused_one_by_one(tmp_path):
         ("[1, 2]", "is no list of objects"),
         ("{}", "is no list of objects"),
         ("[{", "is not JSON"),
+        ('[{"x_m": 7e6, "x_m": 8e6}]', "x_m is there twice; expected each field once"),
         (json.dumps([dict.fromkeys(METRES, "7e6")]), "row 1 has x_m '7e6'; expected a number"),
         (json.dumps([dict.fromkeys(METRES, True)]), "row 1 has x_m True"),
         ("\ufeff<xml/>\n", "has 0 rows"),
