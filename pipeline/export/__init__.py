@@ -42,17 +42,16 @@ def write_plan_as(
 
     Messages name their objects by ``name``. Masses of craft at the first node, in kg, and specific
     impulses of their thrusters, in s, are one number for all craft or one for each; by default the
-    scenario's masses. InputError for masses that the format has no place for, or a plan that cannot
-    be written.
+    scenario's masses, of the craft that have one. InputError for masses that the format has no
+    place for, or a plan that cannot be written.
     """
     check_choice("to", to, FORMATS)
     for known, value in (("mass", mass), ("specific_impulse", specific_impulse)):
         if value is not None and known not in FORMATS[to].masses:
             raise InputError(f"{known} is given, and {to} has no place for it; leave it out.")
-    own = [one.mass for one in plan.scenario.craft if one.mass is not None]
-    if mass is None and len(own) == plan.scenario.n:
-        mass = own
-    masses = Masses.of(plan.scenario.n, mass, specific_impulse)
+    own = [one.mass for one in plan.scenario.craft]
+    given = own if mass is None and any(own) else mass
+    masses = Masses.of(plan.scenario.n, given, specific_impulse)
     match to:
         case "oem":
             return write_ephemerides(plan, path, name)

@@ -52,7 +52,7 @@ def write_basilisk(plan: Plan, path: Path, masses: Masses | None = None) -> None
         initial=(origin + frame.to_inertial(scenario.initial)).tolist(),
         goals=scenario.goal[:, :3].tolist(),
         names=f"[{', '.join(names)}]" * any(one.name for one in scenario.craft),
-        masses=(np.ones(n) if masses is None else masses.mass).tolist(),
+        masses=(np.ones(n) if masses is None else np.nan_to_num(masses.mass, nan=1.0)).tolist(),
         burns=[(*at, *u) for at, u in zip(table, burns.acceleration.tolist(), strict=True)],
         drag=drag,
         earth_rate=EARTH_RATE,

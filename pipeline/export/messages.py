@@ -164,13 +164,13 @@ def write_orbit_parameters(
     states that are not what the controls lead to.
     """
     epoch = reference_of(plan.scenario).epoch
-    if plan.controls.any() and (masses is None or masses.specific_impulse is None):
-        what = "masses of the craft are" if masses is None else "specific impulse is"
+    burns, scenario = burns_of(plan, masses), plan.scenario
+    if np.isnan(burns.propellant).any():
+        what = "masses of the craft are" if np.isnan(burns.mass).any() else "specific impulse is"
         raise InputError(
             f"the {what} not known, and a manoeuvre in an OPM says what mass it takes; expected "
             "mass (kg) and specific_impulse (s), such as 12 and 220."
         )
-    burns, scenario = burns_of(plan, masses), plan.scenario
     origin, frame = reference_frames(scenario, np.zeros(scenario.n))
     states = origin + frame.to_inertial(scenario.initial)
     added = _velocities(plan, burns)
@@ -182,7 +182,7 @@ def write_orbit_parameters(
         keys = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
         for key, value in zip(keys, (states[craft] / 1e3).tolist(), strict=True):
             yield f"{key} = {value:.15g}"
-        if masses is not None:
+        if masses is not None and not np.isnan(masses.mass[craft]):
             yield f"MASS = {masses.mass[craft]:.15g}"
         for row in np.flatnonzero(burns.craft == craft).tolist():
             thrust = " ".join(f"{u:.12e}" for u in burns.acceleration[row].tolist())

@@ -22,7 +22,7 @@ STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
 BESIDE = ("times", "states", "controls")  # columns of a table; other fields are metadata
 GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
 
-NumberOrEach = float | Sequence[float]
+NumberOrEach = float | Sequence[float | None]
 
 
 def columns_of(plan: Plan) -> dict[str, Array]:
@@ -71,7 +71,7 @@ def write_parquet(plan: Plan, path: Path) -> None:
 class Masses:
     """Masses of craft, and the specific impulse of their thrusters."""
 
-    mass: Float[Array, "n"]  # at the first node, kg
+    mass: Float[Array, "n"]  # at the first node, kg; NaN where it is not known
     specific_impulse: Float[Array, "n"] | None = None  # s; None: no propellant is counted
 
     @classmethod
@@ -80,8 +80,8 @@ class Masses:
     ) -> "Masses | None":
         """Masses, kg, and specific impulses, s, of n craft; None where no mass is given.
 
-        Each is one number for all craft, or one for each. InputError for other counts, numbers
-        that are not positive, or specific impulses without masses.
+        Each is one number for all craft, or one for each, None where it is not known. InputError
+        for other counts, numbers that are not positive, or specific impulses without masses.
         """
         if mass is None and specific_impulse is not None:
             raise InputError("specific_impulse is given without mass; expected both.")
@@ -92,7 +92,7 @@ class Masses:
 
 def _per_craft(name: str, given: NumberOrEach, n: int) -> Float[Array, "n"]:
     values = np.atleast_1d(np.array(given, dtype=object))
-    fine = all(is_number(one) and 0 < one < np.inf for one in values.flat)
+    fine = all(one is None or (is_number(one) and 0 < one < np.inf) for one in values.flat)
     if not fine or values.shape not in ((1,), (n,)):
         few = values.ravel()[:4].tolist()
         said = ", ".join(f"{one:g}" if is_number(one) else brief(one) for one in few)
@@ -114,7 +114,7 @@ class Burns:
     interval: Array  # from 0; it begins at the node of this number
     acceleration: Float[Array, "burns 3"]  # held along LVLH axes, m/s²
     delta_v: Float[Array, "burns"]  # by the scenario's kind of thrust, m/s
-    mass: Float[Array, "burns"]  # before, kg; NaN where none was given
+    mass: Float[Array, "burns"]  # before, kg; NaN where it is not known
     propellant: Float[Array, "burns"]  # that it takes, kg; NaN where it is not known
 
 

@@ -249,3 +249,19 @@ def test_masses_and_the_kind_of_thrust_are_the_scenarios(made, tmp_path):
     write_plan_as("burns", plan, tmp_path / "b.csv", "b", mass=9.0)
     with files[0].open(newline="") as file:
         assert {row["mass"] for row in csv.DictReader(file)} == {"9.0"}
+
+
+def test_a_mass_that_one_craft_has_is_its_own_and_those_of_others_are_not_known(made, tmp_path):
+    own = (Spacecraft(mass=3.0), *[Spacecraft()] * (made.scenario.n - 1))
+    plan = solve(replace(made.scenario, craft=own))
+    write_plan_as("burns", plan, tmp_path / "b.csv", "b", specific_impulse=IMPULSE)
+    with (tmp_path / "b.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    first = [row for row in rows if row["craft"] == "0"]
+    assert first[0]["mass"] == "3.0" and all(float(row["propellant"]) > 0 for row in first)
+    others = {row[name] for row in rows for name in ("mass", "propellant") if row["craft"] != "0"}
+    assert others == {""}
+    (script,) = write_plan_as("basilisk", plan, tmp_path / "b.py", "b")
+    assert "\nMASSES = [3.0, 1.0, 1.0]\n" in script.read_text()
+    with pytest.raises(InputError, match="masses of the craft are not known"):
+        write_plan_as("opm", plan, tmp_path / "opm", "b", specific_impulse=IMPULSE)
