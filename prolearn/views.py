@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_kind, missing_extra_hint
 from pipeline.figures.labels import label_name
-from pipeline.figures.style import in_style, save
+from pipeline.figures.style import in_style, make_visible, save
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import path_of, write_text
 from pipeline.orbit.transfer import track
@@ -68,6 +68,7 @@ class Plot:
     @in_style
     def _repr_png_(self) -> bytes:
         content = BytesIO()
+        make_visible(self.figure)
         self.figure.savefig(content, format="png", dpi=DPI)
         return content.getvalue()
 

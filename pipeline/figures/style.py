@@ -113,11 +113,16 @@ in_style = _styled()
 """Decorator of functions that draw; the caller's matplotlib settings stay as they are."""
 
 
+def make_visible(figure: Figure) -> None:
+    """Replace what cannot be drawn or seen in a figure's texts, as names from files, by escapes."""
+    for text in figure.findobj(Text):
+        text.set_text(visible(text.get_text()))
+
+
 @in_style
 def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
     """Write a figure as ``path`` with each suffix, laid out once; same figure, same bytes."""
-    for text in figure.findobj(Text):
-        text.set_text(visible(text.get_text()))
+    make_visible(figure)
     # Laid out here, since ``savefig`` would draw it once more for that.
     figure.set_dpi(RC["savefig.dpi"])
     if (engine := figure.get_layout_engine()) is not None:

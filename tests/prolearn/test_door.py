@@ -535,6 +535,14 @@ def test_a_notebooks_figure_is_the_same_whatever_the_callers_matplotlib_is_set_t
         assert prolearn.plot(plan)._repr_png_() == usual
 
 
+def test_a_notebooks_figure_has_a_name_that_cannot_be_drawn_as_escapes(plan):
+    named = [replace(plan, scenario=replace(plan.scenario, name=one)) for one in ("a\udcff", "\0")]
+    for one, shown in zip(named, (r"a\udcff", r"\x00"), strict=True):
+        plot = prolearn.plot(one)
+        assert plot._repr_png_().startswith(PNG)
+        assert plot.figure.get_suptitle() == shown
+
+
 @pytest.mark.parametrize("to", ["csv", "parquet", "burns"])
 def test_a_plan_is_written_for_other_tools(plan, tmp_path, to):
     (file,) = prolearn.convert(plan, to, tmp_path / f"plan.{to}")
