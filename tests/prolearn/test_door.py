@@ -276,7 +276,8 @@ def test_a_scenario_of_rings_is_that_of_a_file_with_the_same_rings(tmp_path):
 
 def test_a_scenario_of_states_takes_arrays_and_lists_and_numpys_numbers():
     rings = swap()
-    for kind in (np.array, np.ndarray.tolist, list, pd.DataFrame, torch.tensor):
+    wide = partial(np.array, dtype=np.longdouble)
+    for kind in (np.array, np.ndarray.tolist, list, wide, pd.DataFrame, torch.tensor):
         of_states = prolearn.scenario(
             kind(rings.initial), kind(rings.goal), nodes=np.int64(11), altitude=np.float64(500e3)
         )
