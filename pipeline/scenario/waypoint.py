@@ -37,9 +37,9 @@ class Waypoint:
         fields_as_python(self)
         if not is_whole(self.craft):
             raise InputError(f"craft of a waypoint is {self.craft!r}; expected a craft's number.")
-        for name in ("position", "velocity"):
-            if (value := getattr(self, name)) is not None:
-                check_vector(f"{name} of a waypoint", value)
+        check_vector("position of a waypoint", self.position)
+        if self.velocity is not None:
+            check_vector("velocity of a waypoint", self.velocity)
         if self.time is not None:
             check_range("time of a waypoint", self.time, 0.0, LATEST)
 

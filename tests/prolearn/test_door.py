@@ -47,6 +47,7 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
     [
         (lambda: prolearn.Waypoint(0, (1, 2)), r"position of a waypoint is \(1, 2\); expected 3"),
         (lambda: prolearn.Waypoint(0, (NAN, 0, 0)), "position of a waypoint"),
+        (lambda: prolearn.Waypoint(0, None), "position of a waypoint is None; expected 3 finite"),
         (lambda: prolearn.Waypoint(0, (0, 0, 0), (0, NAN, 0)), "velocity of a waypoint"),
         (lambda: prolearn.Waypoint(0, (0, 0, 0), time=NAN), "time of a waypoint is nan"),
         (lambda: prolearn.Box((-1, -1), (1, 1)), "min of a box"),
