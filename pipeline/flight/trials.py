@@ -86,9 +86,8 @@ def fly_trials(
         missed += burns.missed
     least, miss = reduce(LeastDistances.nearer, met), _with_impulse(state, late) - scenario.goal
     miss = np.where(adrift[..., None], 0.0, miss)
-    # Trial by trial, since what the program for thrusts rounds depends on all burns in it.
-    each = [cost_within(one, problem.thrust, scenario.limits) for one in np.stack(held, axis=2)]
-    used = h * (np.stack(each) * np.stack(shares, axis=2)).sum(axis=(1, 2))
+    burned = cost_within(np.stack(held, axis=2), problem.thrust, scenario.limits)
+    used = h * (burned * np.stack(shares, axis=2)).sum(axis=(1, 2))
     return {
         **least.columns(problem.collision_radius),
         "goal_error": norm(miss[..., :3]).max(axis=1),

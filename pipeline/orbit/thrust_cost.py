@@ -130,14 +130,17 @@ def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, 
 
 
 def cost_within(
-    controls: Controls, thrust: Thrust, limits: Limits | None
-) -> Float[Array, "n intervals"]:
+    controls: Float[Array, "*batch n intervals 3"], thrust: Thrust, limits: Limits | None
+) -> Float[Array, "*batch n intervals"]:
     """Cost of each control, m/s², within the limits of its thrusters."""
     least = cost(controls, thrust)
     if limits is None or isinstance(thrust.model, str) or not np.isfinite(limits.component).any():
         return least
-    # Limits never lower the cost, but the tolerance of the program might.
-    return np.asarray(np.maximum(least, thrusts(controls, limits, thrust).sum(axis=2)))
+    # One by one, since what the program rounds depends on all burns in it. Limits never lower the
+    # cost, but its tolerance might.
+    swarms = controls.reshape(-1, *controls.shape[-3:])
+    fired = [thrusts(one, limits, thrust).sum(axis=2) for one in swarms]
+    return np.asarray(np.maximum(least, np.reshape(fired, least.shape)))
 
 
 def craft_fuel(controls: Controls, thrust: Thrust, limits: Limits | None = None) -> PerCraft:
