@@ -295,7 +295,7 @@ class InertialFiles:
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
         from pipeline.scenario.fields import utc
-        from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
+        from pipeline.scenario.inertial import read_each, scenario_from_inertial
 
         if self.initial is None or self.goal is None:
             raise InputError(
@@ -306,11 +306,12 @@ class InertialFiles:
             first = None if epoch is None else utc(epoch)
         except ValueError as error:
             raise InputError(f"--epoch is {epoch!r}: {error}.") from error
+        found = read_each((self.initial, self.goal, self.chief))
         return scenario_from_inertial(
-            read_inertial(self.initial),
-            read_inertial(self.goal),
+            found[self.initial],
+            found[self.goal],
             problem,
-            chief=None if self.chief is None else read_inertial(self.chief),
+            chief=found.get(self.chief),
             epoch=first,
             j2=j2,
             ballistic=self.ballistic,

@@ -20,7 +20,7 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import scenario_from
-from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
+from pipeline.scenario.inertial import read_each, scenario_from_inertial
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.scenario.scenario import EndKind
 from pipeline.scenario.spacecraft import Spacecraft
@@ -165,11 +165,14 @@ def scenario_from_files(
     """
     grid = Problem(Problem.mean_motion, time_step, nodes, collision_radius, max_acceleration)
     at = None if epoch is None else utc_epoch(epoch)
+    first, last = path_of(initial), path_of(goal)
+    leader = None if chief is None else path_of(chief)
+    found = read_each((first, last, leader))
     made = scenario_from_inertial(
-        read_inertial(path_of(initial)),
-        read_inertial(path_of(goal)),
+        found[first],
+        found[last],
         grid,
-        chief=None if chief is None else read_inertial(path_of(chief)),
+        chief=found.get(leader),
         epoch=at,
         j2=j2,
         ballistic=ballistic,

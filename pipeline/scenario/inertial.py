@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -99,6 +99,11 @@ def read_inertial(path: Path) -> Inertial:
         found = [ephemeris_from(text, str(path))]
     check_frames(found)
     return Inertial(str(path), found[0].frame, tuple(found))
+
+
+def read_each(paths: Iterable[Path | None]) -> dict[Path | None, Inertial]:
+    """The states in each of these files, read once, since standard input is there once only."""
+    return {path: read_inertial(path) for path in dict.fromkeys(paths) if path is not None}
 
 
 def check_frames(given: Sequence[Inertial | Ephemeris]) -> None:

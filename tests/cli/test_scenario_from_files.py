@@ -1,6 +1,7 @@
 """prolearn scenario new from inertial states: plans handed over and back by commands alone."""
 
 import json
+import subprocess
 from datetime import datetime, timedelta, timezone
 
 import numpy as np
@@ -45,6 +46,23 @@ def test_a_plan_as_flown_comes_back_and_can_be_planned_again(prolearn, handed_ov
     plans = [json.loads((tmp_path / name).read_text()) for name in ("p.json", "q.json")]
     fuel, again = (plan["certificate"]["fuel"] for plan in plans)
     assert again == pytest.approx(fuel, rel=1e-6)
+
+
+def test_one_ephemeris_on_standard_input_is_both_ends_and_the_chief(handed_over, forked, tmp_path):
+    file = min((tmp_path / "oem").iterdir())
+    made = []
+    for name in ("-", file):
+        files = [part for option in ("--initial", "--goal", "--chief") for part in (option, name)]
+        done = subprocess.run(
+            [*forked.command, "scenario", "new", "-", *map(str, files)],
+            input=file.read_text(),
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+        )
+        assert done.returncode == 0, done.stderr
+        made.append(done.stdout)
+    assert made[0] == made[1]
 
 
 def test_other_nodes_and_forces_are_as_they_are_asked_for(prolearn, handed_over, tmp_path):
