@@ -124,7 +124,8 @@ class TrialSettings:
             )
             guidance, unsafe, seconds = closed, closed.unsafe, closed.seconds  # filled in flight
         elif loop.states is not None:
-            guidance = feedback(loop.controls, loop.states, scenario.problem)
+            late = bool(errors.latency)
+            guidance = feedback(loop.controls, loop.states, scenario.problem, late=late)
         flown = fly_trials(scenario, self.world, guidance, drawn, errors)
         replanning = {"unsafe_replans": unsafe, "replan_seconds": seconds}
         return {"trial": np.array(trials), **flown, **replanning}

@@ -15,6 +15,7 @@ from pipeline.orbit.feedback import feedback_gains
 from pipeline.orbit.nearest import nearest, smaller_separation
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_cost import cost_within
+from pipeline.orbit.transfer import step_maps
 from pipeline.scenario import Scenario
 
 SIZE = 0.35  # distance of two craft's centres at which two cubes of 20 cm can touch, m
@@ -38,12 +39,19 @@ def open_loop(controls: Controls) -> Guidance:
     return lambda node, estimate: np.broadcast_to(controls[:, node], (*estimate.shape[:2], 3))
 
 
-def feedback(controls: Controls, states: States, problem: Problem) -> Guidance:
+def feedback(
+    controls: Controls, states: States, problem: Problem, *, late: bool = False
+) -> Guidance:
     """Guidance that corrects a plan's controls, m/s², for deviations from its states, m and m/s.
 
-    By ``pipeline.orbit.feedback``, and within the thrust limit.
+    By ``pipeline.orbit.feedback``, and within the thrust limit. A ``late`` estimate is carried on
+    in linear motion, and so is the plan's state, which a plan as flown does not move by.
     """
     gains, most = feedback_gains(problem), problem.most_control
+    if late:
+        A, B = step_maps(problem)
+        carried = np.matvec(A, states[:, :-1]) + np.matvec(B, controls)
+        states = np.concatenate([states[:, :1], carried], axis=1)
     return lambda node, estimate: np.clip(
         controls[:, node] + np.matvec(gains[node], estimate - states[:, node]), -most, most
     )

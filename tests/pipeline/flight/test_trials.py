@@ -13,11 +13,13 @@ from pipeline.flight.errors import Errors, draws
 from pipeline.flight.loops import TrialSettings, flight_loops
 from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.trials import fly_trials, open_loop
-from pipeline.flight.world import LinearWorld
+from pipeline.flight.world import Conditions, LinearWorld, world_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
 from pipeline.orbit.thrust_cost import cost
 from pipeline.parallel.workers import Workers
+from pipeline.planners.as_flown import AsFlown
+from pipeline.planners.classical import Expert
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.spacecraft import Spacecraft
 
@@ -88,6 +90,19 @@ def test_a_folder_refuses_other_limits_of_thrusters(tmp_path):
     fly_all(tmp_path, TrialSettings(scenario, world, Errors()), [loop], 2, workers=Workers(1))
     with pytest.raises(InputError, match=r"craft_max_acceleration = "):
         fly_all(tmp_path, TrialSettings(other, world, Errors()), [loop], 2, workers=Workers(1))
+
+
+def test_feedback_that_knows_states_late_leaves_a_plan_as_flown_alone():
+    """Of kilometres, whose flight is decimetres off linear motion: without errors, as planned."""
+    drawn = draw("rings", 0, 3, 3, Problem(), "test")
+    scenario = replace(drawn, initial=10 * drawn.initial, goal=10 * drawn.goal)
+    plan = AsFlown(Expert(), Conditions().orbit(scenario.problem)).plan([scenario])[0]
+    world, late = world_of(plan.scenario, Conditions()), Errors(latency=1.0)
+    _, loop = flight_loops(plan, late, with_feedback=True)
+    found = TrialSettings(plan.scenario, world, late).fly(loop, range(1))
+    assert plan.status == "solved"
+    assert found["goal_error"][0] < 1e-6
+    assert found["delta_v"] == pytest.approx(plan.certificate.delta_v, rel=1e-9)
 
 
 def pass_by(offset):
