@@ -2,8 +2,9 @@
 
 The goal does not change. Of two plans from the estimate, the planner's new one and the current one
 corrected for the goal, the cheaper safe one is flown: so without errors a swarm burns no more than
-its plan. Where neither is safe, passive safety is given up first; then the planner is asked for
-less and less separation, and the plan that keeps craft furthest apart is flown.
+its plan, in linear motion. Where neither is safe, passive safety is given up first; then the
+planner is asked for less and less separation, and the plan that keeps craft furthest apart is
+flown.
 
 Two intervals before the end the goal determines all controls: six for six components of a state.
 In the last one three are left, and the goal can only be met in part: the control minimizes
