@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import product
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -147,13 +148,15 @@ def tune(
     by = workers_of(context, workers)
     with stdout_for_document(as_json), progress(f"tuning {settings.arch}") as shown:
         found = job(settings, workers=by, progress=shown)
-    values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in found.best.items()}
-    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in values.items())
+    given = {"epochs": settings.epochs, "seed": settings.seed, **found.best}
+    values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in given.items()}
+    known = {k.replace("_", "-"): value for k, value in values.items() if value is not None}
+    options = " ".join(f"--{name} {value}" for name, value in known.items())
     print_result(
         as_json,
         found,
         f"Complete trials: {found.trials}, in {found.storage}; best {found.in_words} on "
         f"validation data; MLflow run {found.run_id}.",
         f"Train with its settings: prolearn train --arch {settings.arch} --recipe "
-        f"{settings.recipe} --data {public_url(settings.data)} --n {settings.n} {options}",
+        f"{settings.recipe} --data {quote(public_url(settings.data))} --n {settings.n} {options}",
     )

@@ -1,12 +1,17 @@
+import shutil
 import sqlite3
 from contextlib import closing
+from math import inf
 from pathlib import Path
+from shlex import split
 from typing import Any
 
 import optuna
 import pytest
+from typer.testing import CliRunner
 
 from cli.jobs.tune import Tuned, tune
+from cli.main import app
 from cli.settings import TuningSettings
 from pipeline.errors import InputError, ProlearnError
 from pipeline.networks.supervised import Supervised
@@ -71,6 +76,21 @@ def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
         k: str(v) for k, v in found.best.items()
     }
     assert runs("prolearn-training") == [] and list_versions() == [], "a search registers nothing"
+
+
+def test_the_command_that_a_search_names_trains_what_its_best_trial_did(
+    folder: Path, solved: Path
+) -> None:
+    shutil.copytree(solved, folder / "my data")
+    asked = "tune --arch ff1 --n 3 --device cpu --epochs 3 --seed 1 --trials 2 --data"
+    searched = CliRunner().invoke(app, [*asked.split(), "my data"])
+    assert searched.exit_code == 0, searched.output
+    _, _, command = searched.output.partition("Train with its settings: prolearn ")
+    trained = CliRunner().invoke(app, [*split(command), "--device", "cpu"])
+    assert trained.exit_code == 0, trained.output
+    (version,) = list_versions()
+    best = min(r.data.metrics.get("valid_position_rmse", inf) for r in runs("prolearn-tuning"))
+    assert version.metrics["valid_position_rmse"] == pytest.approx(best, rel=1e-3)
 
 
 def test_what_is_drawn_next_does_not_depend_on_the_order_of_results(tmp_path: Path) -> None:
