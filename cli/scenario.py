@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -146,7 +147,8 @@ def new(
 
 def _say_written(scenario: Path, made: "Scenario") -> None:
     if stdout_free(scenario, as_json=False):
-        echo(f"{scenario}: {_about(made)}; check it: prolearn scenario check {scenario}")
+        check = f"prolearn scenario check {quote(str(scenario))}"
+        echo(f"{scenario}: {_about(made)}; check it: {check}")
 
 
 def _rings(option: str, given: list[str]) -> Mapping[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import Any, SupportsFloat
 
 import mlflow
@@ -123,7 +124,7 @@ def record_training(
             kept = _keep(folder, record)
             raise ProlearnError(
                 f"{error} The trained network is kept in {kept}; register it later with "
-                f"`prolearn models register {kept}`."
+                f"`prolearn models register {quote(str(kept))}`."
             ) from error
 
 

@@ -50,6 +50,11 @@ def test_rings_of_ones_own_are_written_checked_and_planned(prolearn, tmp_path):
     assert kept["reference"]["raan_deg"] == 40.0
 
 
+def test_the_command_that_checks_a_file_is_one_for_a_shell_whatever_the_name(prolearn):
+    done = prolearn("scenario", "new", "my swarm.json", "--n", "2", "--family", "rings")
+    assert done.stdout.rstrip().endswith("prolearn scenario check 'my swarm.json'"), done.stderr
+
+
 def test_rings_about_an_eccentric_orbit_are_written_checked_and_planned(prolearn, tmp_path):
     """By mean elements, as plan's conditions; at an epoch the reference has the same angles."""
     ends = ("--from", "craft=4,size=200,tilt_deg=20", "--to", "craft=4,size=90")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ SCRIPT = """
 {disk}
 import shutil
 from pathlib import Path
+from shlex import quote
 from pipeline.dataset.examples import Examples
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load
@@ -103,7 +105,7 @@ def test_a_store_on_a_full_disk_fails_in_a_sentence_and_the_network_is_kept_and_
     assert "prolearn models register" in said and "space on the disk" in said
     assert len(said.splitlines()) == 1, said
     (kept,) = (folder / "unregistered").iterdir()
-    assert str(kept) in said
+    assert f"prolearn models register {quote(str(kept))}`" in said
     initial, goal = np.random.default_rng(0).normal(0, 100, (2, 2, 3, 6))
     wanted = trained.model.predict(initial, goal)
     np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)
