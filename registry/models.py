@@ -98,7 +98,13 @@ class ModelVersion:
     @property
     def numbered(self) -> str:
         """Architecture and version, as tables call one of several that differ beyond seeds."""
-        return f"{self.arch}/{self.version}"
+        kind = "" if self.is_own else f"{self.name.removeprefix(PREFIX)}/"
+        return f"{self.arch}/{kind}{self.version}"
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is where training registers; MLflow can copy and rename to anywhere."""
+        return self.name == PREFIX + self.arch
 
 
 def recipe_params(recipe: Recipe) -> dict[str, Any]:
@@ -133,6 +139,7 @@ def newest_trainings(digests: Mapping[int, str] | None = None) -> list[ModelVers
     versions = [
         v for v in list_versions() if digests is None or digests.get(v.n) == v.dataset_digest
     ]
+    versions.sort(key=lambda v: v.is_own)  # copies under other names are never the newest
     keys = {(v.arch, v.recipe): v.training_key for v in versions}
     newest = {
         (v.arch, v.recipe, v.training_seed): v

@@ -120,6 +120,17 @@ def test_the_report_shows_the_newest_version_of_each_recipe(project: Project) ->
     assert list(training_tables(newest_trainings())[0]["version"]) == [3, 2]
 
 
+def test_a_copy_under_another_name_is_no_newer_training_and_has_a_name_of_its_own(
+    project: Project,
+) -> None:
+    for rmse in (3.0, 2.0):
+        project.train(rmse)
+    connect().client.copy_model_version("models:/prolearn-ff1/1", "prolearn-ff1-prod")
+    assert [v.uri for v in newest_trainings()] == ["models:/prolearn-ff1/2"]
+    names = list(training_tables(list_versions())[0]["arch"])
+    assert names == ["ff1/1", "ff1/2", "ff1/ff1-prod/1"]
+
+
 def test_trainings_that_differ_in_more_than_the_seed_are_not_averaged(project: Project) -> None:
     for rmse in (3.0, 2.0):  # with the same seed
         project.train(rmse)
