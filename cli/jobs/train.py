@@ -73,7 +73,7 @@ def trained_before(
                 f"{last.label}, seed {seed}, was trained with {change}; it is trained again."
             )
         return None
-    version = current[-1]
+    version = sorted(current, key=lambda v: v.is_own)[-1]  # rather than a copy
     if version.contest:
         return version, None
     model, _ = models.load(version)

@@ -112,6 +112,13 @@ def test_what_was_trained_on_another_device_was_not_trained_on_this_one(
     assert trained_before("ff1", 0, replace(how, device="auto"))[0].version == version.version
 
 
+def test_what_was_trained_before_is_no_copy_under_another_name(folder: Path, solved: Path) -> None:
+    how = TrainingSettings(data=str(solved), n=3, epochs=1, device="cpu")
+    version, _ = train_model("ff1", 0, how)
+    connect().client.copy_model_version(version.uri, "prolearn-ff1-prod")
+    assert trained_before("ff1", 0, how)[0].uri == version.uri
+
+
 def test_what_was_trained_from_data_that_streamed_was_not_trained_from_all_of_them(
     folder: Path, solved: Path
 ) -> None:
