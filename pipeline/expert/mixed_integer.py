@@ -48,11 +48,22 @@ class _IntegerProgram(ConicProgram):
         return rows, np.concatenate([upper, np.zeros(2 * N)])
 
     def most(self) -> Float[Array, "N"]:
-        """Upper bounds on scaled thrusts: limits, or the number of intervals; 0 if not allowed."""
-        limit = np.repeat(self.limits.component[self.slots[0]] / self.sub.unit, len(self.price))
-        most = np.minimum(limit, self.sub.reach.shape[1] / 3)
+        """Upper bounds on scaled thrusts: limits, or many times a typical one; 0 if not allowed."""
+        limit = np.minimum(self.limits.component / self.sub.unit, self._far_beyond_typical())
+        most = np.repeat(limit[self.slots[0]], len(self.price))
         most[np.setdiff1d(np.arange(self.thrusts), self.kept)] = 0.0
         return np.asarray(most)
+
+    def _far_beyond_typical(self) -> Float[Array, "n"]:
+        """The largest of 1 and what each craft needs by its own rows, times all intervals."""
+        sub, (n, m, _) = self.sub, self.sub.shape
+        assert sub.constrained is not None
+        scale = sub.goal_scale * sub.constrained
+        reach = scale[..., None] * sub.reach * self.limits.burns.reshape(n, 1, m)
+        least_energy = np.matvec(np.linalg.pinv(reach), scale * sub.miss)
+        dearest = cost(np.concatenate([np.eye(3), -np.eye(3)]), sub.thrust).max()
+        needed = dearest * np.abs(least_energy).max(axis=1) / sub.unit
+        return np.asarray(np.maximum(1.0, needed) * (m / 3))
 
     def opposite(self) -> list[Int[Array, "_"]]:
         """Indices of the two variables of each pair of opposite thrusters, in every interval."""

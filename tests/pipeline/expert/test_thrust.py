@@ -22,6 +22,7 @@ from pipeline.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.reach import REACHABLE
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.scenario.waypoint import Waypoint
 
 SWARM = draw("rings", 0, 5, 3, Problem())
 ONE = replace(SWARM, initial=SWARM.initial[:1], goal=SWARM.goal[:1])
@@ -158,6 +159,33 @@ def test_burns_are_as_large_as_the_bit_where_there_are_few_intervals(bit):
     assert plan.status == SOLVED, plan.message
     assert judged(scenario, plan).wrong == ()
     assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(scenario, bit)
+
+
+@pytest.mark.parametrize("bit", [0.2, 1.5])
+def test_burns_as_large_as_the_bit_are_found_where_windows_leave_little_time(bit):
+    """The craft must burn some fifty times as hard as in the whole time, and without a limit."""
+    grid = replace(ONE.problem, nodes=21, time_step=60.0)
+    thrust = Thrust(min_delta_v=bit, no_burn=((0.0, 1020.0),))
+    late = with_thrust(replace(ONE, problem=grid), thrust)
+    plan = solve(late)
+    assert plan.status == SOLVED, plan.message
+    assert judged(late, plan).wrong == ()
+    drift = np.linalg.matrix_power(exact_step(grid.mean_motion, 60.0)[0], 17)
+    rest = replace(ONE, problem=replace(grid, nodes=4), initial=ONE.initial @ drift.T)
+    limited = with_thrust(rest, Thrust(min_delta_v=bit), limit=1.0)
+    assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(limited, bit)
+
+
+def test_burns_as_large_as_the_bit_are_found_by_waypoints_far_from_both_ends():
+    """At its goal the craft is where it drifts by itself, so that it needs no burn but for them."""
+    drift = np.linalg.matrix_power(exact_step(ONE.problem.mean_motion, 120.0)[0], 10)
+    by = (Waypoint(0, (400.0, 500.0, 600.0), time=600.0),)
+    thrust = Thrust(min_delta_v=0.2)
+    scenario = with_thrust(replace(ONE, goal=ONE.initial @ drift.T, waypoints=by), thrust)
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert plan.certificate.smallest_burn.least >= 0.2 * (1 - 1e-6)
+    assert plan.certificate.waypoint_error < 1e-6
 
 
 def test_burns_as_large_as_the_bit_are_the_same_alone_and_among_others():
