@@ -101,9 +101,11 @@ def verify(
     has_checksum = bool(fault) or CHECKSUM in parse_json(folder.read(MANIFEST))
     if has_checksum:  # earlier versions wrote none, nor copies, nor digests of timings
         yield from _manifest_faults(folder, solved=bool(manifest.solve))
-    checks, present = list(_checks(folder, manifest, has_checksum)), set(folder.names())
+    checks, listed = list(_checks(folder, manifest, has_checksum)), set(folder.names())
+    foreign = sorted(listed - {check.name for check in checks})
+    # What is in a folder that is a link is not listed, and there all the same.
+    present = {c.name for c in checks if c.name in listed or folder.exists(c.name)}
     yield from (Fault(check.name, "is missing") for check in checks if check.name not in present)
-    foreign = sorted(present - {check.name for check in checks})
     checks = [check for check in checks if check.name in present]
     checks += [Check(name, "foreign") for name in foreign if not OTHER_FILES.fullmatch(name)]
     progress.expect(sum(check.counted for check in checks))

@@ -95,6 +95,19 @@ def test_names_are_those_inside_the_folder_wherever_it_is(url):
         fsspec.filesystem("memory").rm("/", recursive=True)
 
 
+def test_shards_in_a_folder_that_is_a_link_are_there_and_foreign_files_stay(solved, tmp_path):
+    elsewhere = (solved / "n=3").rename(tmp_path / "elsewhere")
+    (solved / "n=3").symlink_to(elsewhere)
+    (elsewhere / "notes").write_text("mine")
+    assert repair(solved, workers=ONE) == []
+    (elsewhere / "part-00001.parquet").unlink()
+    names = [fault.path for fault in repair(solved, workers=ONE)]
+    assert names == ["n=3/part-00001.parquet"]
+    assert (elsewhere / "part-00001.parquet").is_file()
+    assert (elsewhere / "notes").read_text() == "mine"
+    assert not (solved / "_damaged").exists()
+
+
 def test_a_link_to_a_folder_of_the_dataset_brings_no_file_in_danger(solved):
     (solved / "again").symlink_to(".")
     before = content(solved)
