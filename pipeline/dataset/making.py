@@ -24,6 +24,7 @@ from pipeline.dataset.samples import Sample
 from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import ALONG_AXES
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
 from pipeline.progress import SILENT, Progress
@@ -56,6 +57,12 @@ def sample(
     the folder; ProlearnError where it cannot be written to or workers are killed repeatedly.
     """
     folder, workers = open_folder(where), workers or Workers()
+    if problem.thrust != ALONG_AXES:
+        raise InputError(
+            "the problem has thrusters of its own or constraints on burns, and a dataset has no "
+            "columns for them; expected a problem without thrust: max_acceleration limits each "
+            "component."
+        )
     for n, by in samples.items():
         draw(by.family, by.seed, n, 0, problem)  # refuses bad settings before anything exists
     Manifest(problem, dict(samples), {}, MadeWith({}, {}), {})  # likewise

@@ -24,6 +24,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import Settings, solve_many
 from pipeline.expert import solve as solve_scenario
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.thrust import Thrust
 from pipeline.parallel.workers import Workers
 from pipeline.plan import Requirements
 from pipeline.scenario import draw
@@ -146,6 +147,15 @@ def test_another_size_joins_a_folder_and_leaves_the_others_alone(solved):
     changed = {name for name in before if before[name] != after[name]}
     assert changed == {"_manifest.json", "_manifest.copy.json"}
     assert len(solved_rows(solved, 4)) == 2
+
+
+@pytest.mark.parametrize(
+    "thrust", [Thrust("norm"), Thrust(min_delta_v=0.01), Thrust(no_burn=((0.0, 300.0),))], ids=str
+)
+def test_thrusters_that_no_column_shows_are_refused_before_anything_is_made(thrust, tmp_path):
+    with pytest.raises(InputError, match="expected a problem without thrust"):
+        sample(tmp_path / "data", {2: Sample(count=2)}, Problem(thrust=thrust), workers=ONE)
+    assert not (tmp_path / "data").exists()
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path):
