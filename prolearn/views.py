@@ -149,9 +149,10 @@ def convert(
             a Python script that flies them in this simulator, of a scenario with an ``orbit`` or a
             ``reference``.
         path: of the file or folder.
-        mass: of the craft at the first node, kg, one for all or one for each; for burns, basilisk
-            and opm.
-        specific_impulse: of their thrusters, s, likewise; for burns and opm, which needs both.
+        mass: of the craft at the first node, kg, one for all or one for each; by default the
+            scenario's. For burns, basilisk and opm.
+        specific_impulse: of their thrusters, s, one for all or one for each; for burns and opm. An
+            opm with burns needs masses and this.
 
     Raises:
         InputError: for a plan that cannot be written so, or masses that are not used.
