@@ -84,9 +84,10 @@ def _needs(scenario: Scenario, limits: Limits, at: StateConstraints) -> list[Nee
     norm = limit
     if not isinstance(problem.thrust.model, str):  # no component is larger than the norm
         norm = minimum_limits_at_nodes(at.miss, reach, open_, replace(problem, thrust=ALONG_AXES))
-    delta_v = np.zeros(scenario.n)
-    for k in np.flatnonzero(np.isfinite(limits.delta_v) & np.isfinite(limit)):
-        most = float(limits.component[k])
+    delta_v, within = np.zeros(scenario.n), limits.component * (1 + LIMIT_ROUNDING)
+    # Of craft that arrive within their limit, which is given a bit wider so that there is a least
+    for k in np.flatnonzero(np.isfinite(limits.delta_v) & np.isfinite(limit) & (limit <= within)):
+        most = float(within[k]) * (1 + LIMIT_ROUNDING)
         least = craft_fuel_bound(at.miss[k], reach[k], open_[k], most, problem)
         delta_v[k] = least * problem.time_step
     return [

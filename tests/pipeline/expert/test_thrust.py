@@ -15,6 +15,7 @@ from thrusting import AXES, FIVE, MODELS, drawn, least, with_thrust
 
 from pipeline.expert import mixed_integer, solve, solve_many
 from pipeline.expert.solvers import new_highs
+from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
 from pipeline.orbit.thrust_cost import conjugate_bound, cost, support_bound
@@ -107,6 +108,21 @@ def test_limits_at_the_edge_decide(model):
         limited = with_thrust(ONE, Thrust(model, weakest * share))
         assert solve(limited).status == status
         assert np.isinf(least(limited)).any() == (status == INFEASIBLE)
+
+
+@pytest.mark.parametrize("share", [1.0, 1 - 5e-7, 1 - 2e-6, 0.5])
+def test_a_budget_is_judged_beside_a_limit_that_hardly_suffices_or_does_not(share):
+    """Within the rounding of a limit there is no transfer, and so no least fuel, by a program."""
+    weakest = float(minimum_limits(ONE.initial, ONE.goal, ONE.problem)[0])
+    for budget in (100.0, 1e-3):
+        craft = (Spacecraft(delta_v=budget),)
+        scenario = with_thrust(ONE, Thrust(), craft, limit=weakest * share)
+        reach = next(one for one in diagnostics(scenario) if one.rule == REACHABLE)
+        named = [list(case.numbers) for case in reach.cases]
+        if share < 1 - 1e-6:
+            assert named == [["least_max_acceleration"]]
+        else:
+            assert named == [["least_delta_v"]] * (budget < 1)
 
 
 def weakest_norm(scenario):
