@@ -46,7 +46,7 @@ class Folder:
         return self._info("").type == fs.FileType.Directory
 
     def names(self) -> list[str]:
-        """Every finished file in it and below, sorted."""
+        """Every finished file in it and below, sorted, save keys with empty parts, as in a//b."""
         if self.local:  # not by Arrow, which follows links to folders, even in endless circles
             paths = [path for path in self.local.rglob("*") if path.is_file()]
             found = [path.relative_to(self.local).as_posix() for path in paths]
@@ -54,7 +54,10 @@ class Folder:
             every = fs.FileSelector("", allow_not_found=True, recursive=True)
             with self._reaching():
                 infos = [info for info in self.files.get_file_info(every) if info.is_file]
-            found = [info.path.lstrip("/") for info in infos]
+            found = [info.path for info in infos]
+            if self.files.base_fs.type_name in WITHOUT_FOLDERS:  # Arrow lists such keys, no more
+                found = [key for key in found if "" not in key.split("/")]
+            found = [name.lstrip("/") for name in found]
             if self.url.startswith(("http://", "https://")):  # where names are parts of links
                 found = [unquote(name) for name in found]
         return sorted(name for name in found if not unfinished(Path(name)))

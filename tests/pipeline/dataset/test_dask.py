@@ -32,7 +32,7 @@ from pipeline.dataset import samples as presets
 from pipeline.dataset.card import write_card
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.samples import Sample
-from pipeline.dataset.verifying import verify
+from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.expert import solve as solve_one
@@ -52,6 +52,7 @@ from pipeline.text import public_url
 pytestmark = pytest.mark.system
 
 SHARDS = 12
+SHARD = "n=5/part-00001.parquet"
 
 
 class After(Progress):
@@ -384,6 +385,22 @@ def bucket(monkeypatch):
     urlopen(Request(f"http://{host}:{port}/data", method="PUT")).close()
     yield "data"
     server.stop()
+
+
+def test_keys_of_a_bucket_that_arrow_cannot_open_are_left_alone(bucket, here):
+    folder, keys = open_folder(f"s3://{bucket}/d"), ("n=5//notes", "/notes", "n=5/notes")
+    for name in open_folder(here).names():
+        folder.publish(name, (here / name).read_bytes())
+    before = folder.names()
+    folder.publish(SHARD, b"damaged")
+    for key in keys:
+        url = f"{os.environ['AWS_ENDPOINT_URL']}/{bucket}/d/{key}"
+        urlopen(Request(url, data=b"mine", method="PUT")).close()
+    found = repair(folder, workers=Workers(jobs=1))
+    assert {fault.path for fault in found} == {SHARD, "n=5/notes"}
+    assert list(verify(folder, workers=Workers(jobs=1))) == []
+    aside = {f"_damaged/{SHARD}.1", "_foreign/n=5/notes.1"}
+    assert {*folder.names()} == {*before, *aside}
 
 
 def test_the_commands_for_a_cluster_in_the_documentation_make_a_dataset_in_a_bucket(
