@@ -60,6 +60,7 @@ TAGS = [
 LICENCE = "mit"  # of data that come with prolearn: the project's own
 IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9.-]*")  # how hubs write the name of a licence
 REBUILT = "data/again"  # folder in the commands that make the dataset again
+OPTIONS = ("separation", "solver")  # settings of the expert that `prolearn solve` has
 # Columns that the card has numbers of
 SUMMARIZED = ["n_spacecraft", "split", "status", "fuel", "optimality_gap", "min_separation"]
 # Values of states in a task of a worker: 20 MB, which it reads in 0.1 s
@@ -295,6 +296,8 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
     names = sorted({*made.sample, *made.solve})
     versions = [(name, made.sample.get(name, ""), made.solve.get(name, "")) for name in names]
     settings = (formatted("{} {}", code(name), value) for name, value in manifest.solve.items())
+    usual = recorded(Settings(), AT_ALL_TIMES)
+    chosen = [k for k, v in manifest.solve.items() if k not in OPTIONS and v != usual.get(k)]
     families = sorted({sample.family for sample in manifest.samples.values()})
     docs = {name: (draw.__doc__ or "").partition("\n")[0] for name, draw in FAMILIES.items()}
     return {
@@ -304,6 +307,7 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
             for name in families
         },
         "commands": list(commands(manifest, REBUILT)),
+        "without_option": Markdown(", ".join(map(code, chosen))),
         "missing": ranges(sorted({*PRESETS.get(preset or "", {})} - {*manifest.samples})),
         "versions": table(("", "scenarios", "plans"), versions),
         "settings": Markdown(", ".join(settings)),
@@ -362,7 +366,7 @@ def commands(manifest: Manifest, folder: str) -> Iterator[str]:
     for n, sample in sorted(manifest.samples.items()):
         options = " ".join(_options(sample, manifest.problem))
         yield f"prolearn sample --n {n} {options} --out {folder}"
-    chosen = {name: str(manifest.solve[name]) for name in ("separation", "solver")}
+    chosen = {name: str(manifest.solve[name]) for name in OPTIONS}
     how = " ".join(f"--{name} {shlex.quote(value)}" for name, value in chosen.items())
     yield f"prolearn solve {folder} {how}"
 

@@ -216,6 +216,15 @@ def test_the_commands_in_the_card_make_the_same_bytes(tmp_path, monkeypatch, pro
     assert [again[name] for name in shards] == [first[name] for name in shards]
 
 
+def test_settings_that_no_option_sets_are_named_beside_the_commands(carded, tmp_path):
+    assert "No option sets" not in body(carded)
+    folder = tmp_path / "safe"
+    sample(folder, {2: Sample(count=2)}, Problem(), workers=ONE)
+    solve(folder, Settings(margin=0.1), Requirements(passive_safety=0.5), workers=ONE)
+    write_card(folder)
+    assert "No option sets `margin`, `passive_safety`: in place of the last" in body(folder)
+
+
 def test_a_preset_is_named_even_where_sizes_are_missing(solved):
     manifest = replace(read_manifest(solved), samples=PRESETS["demo"])
     assert list(commands(manifest, "x")) == ["prolearn dataset --preset demo --out x"]
