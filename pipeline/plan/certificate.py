@@ -28,7 +28,9 @@ from pipeline.scenario.waypoint import waypoint_errors
 Columns = dict[str, Sequence[Any]]  # fields of certificates, one value for each scenario
 
 FINE = 1e-9  # tolerance, m, of a least separation that is close to the collision radius
-SUM_ROUNDING = 1e-13  # share of a fuel by which sums of it in another order may be off
+# Share of a fuel by which it may be below its bound: by sums in another order, and by misses of
+# goals that count as rounding, as the corrections of plans as flown leave them
+FUEL_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -391,7 +393,7 @@ def _spending(
         burned = np.concatenate([craft_fuel(one, thrust, s.limits) for one, s in each])
     used = np.add.reduceat(burned, swarms.starts).tolist()
     least = [
-        min(bound, fuel) if bound <= fuel * (1 + SUM_ROUNDING) else bound  # above it by rounding
+        min(bound, fuel) if bound <= fuel * (1 + FUEL_ROUNDING) else bound
         for fuel, (bound, _) in zip(used, bounds, strict=True)
     ]
     columns: Columns = {
