@@ -36,10 +36,12 @@ SCENARIOS = "_scenarios/"
 SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # names of shards
 OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
 # Files that a dataset may hold besides its shards
-OTHER_FILES = re.compile(rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*")
+OTHER_FILES = re.compile(
+    rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*", re.DOTALL
+)
 # Files and folders directly inside the folder of a dataset
 TOP_LEVEL = re.compile(
-    rf"{OTHER_FILES.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?"
+    rf"{OTHER_FILES.pattern}|n=\d+|{SCENARIOS}?|{TIMINGS}?|{FOREIGN}?|{DAMAGED}?", re.DOTALL
 )
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
 MOST_BYTES = 2**31  # of a shard, which is read whole to be checked; most have some MB

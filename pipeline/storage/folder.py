@@ -1,6 +1,7 @@
 """A folder of files, on this machine or behind a URL."""
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
@@ -12,7 +13,14 @@ import pyarrow as pa
 from pyarrow import fs
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.files import path_of, published, refuse_stdio, refuse_undecodable, unfinished
+from pipeline.files import (
+    make_folder,
+    path_of,
+    published,
+    refuse_stdio,
+    refuse_undecodable,
+    unfinished,
+)
 from pipeline.text import first_line, public, public_url
 
 Where = str | Path  # a path, or a URL such as s3://bucket/n10
@@ -66,11 +74,17 @@ class Folder:
         """Names of files and folders directly inside it, sorted."""
         inside = fs.FileSelector("", allow_not_found=True)
         with self._reaching():
+            if self.local:  # not by Arrow, which fails at names that are not UTF-8
+                there = self.local.iterdir() if self.local.is_dir() else ()
+                return sorted(path.name for path in there)
             return sorted(info.base_name for info in self.files.get_file_info(inside))
 
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
-        return self._info(name).is_file
+        if self.local is None:
+            return bool(self._info(name).is_file)
+        with self._reaching():
+            return (self.local / name).is_file()
 
     def size(self, name: str) -> int:
         """A file's size in bytes."""
@@ -109,8 +123,12 @@ class Folder:
             self.files.delete_file(name)
 
     def move(self, name: str, to: str) -> None:
-        """Rename a file; ProlearnError where the folder cannot be written to."""
+        """Move a file; ProlearnError where the folder cannot be written to."""
         with self._writing(to):
+            if self.local:
+                make_folder((self.local / to).parent)
+                shutil.move(self.local / name, self.local / to)  # links may lead to other disks
+                return
             self._make_parent(to)
             self.files.move(name, to)
 

@@ -116,6 +116,18 @@ def test_a_link_to_a_folder_of_the_dataset_brings_no_file_in_danger(solved):
     assert content(solved) == before
 
 
+def test_files_of_any_name_are_set_aside_once_and_hinder_no_command(solved):
+    foreign = [os.fsdecode(name) for name in (b"\xff", b"\xfd/notes", b"n=3/\xfe", b"a\nb")]
+    for name in foreign:
+        (solved / name).parent.mkdir(exist_ok=True)
+        (solved / name).write_text("mine")
+    sample(solved, {4: Sample(count=1)}, Problem(), workers=ONE)
+    solve(solved, Settings(), workers=ONE)
+    assert {fault.path for fault in repair(solved, workers=ONE)} == {*foreign}
+    assert all((solved / f"_foreign/{name}.1").read_text() == "mine" for name in foreign)
+    assert list(verify(solved, workers=ONE)) == []
+
+
 def test_a_relative_name_may_look_like_a_uri(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("run:1", "mailto:x"):  # Arrow ends the process at these
