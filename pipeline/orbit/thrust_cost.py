@@ -35,6 +35,11 @@ def cost(controls: Vector, thrust: Thrust) -> Scalar:
     return np.asarray((controls @ _gauge(thrust.model).T).max(axis=-1))
 
 
+def dearest(directions: tuple[Direction, ...]) -> float:
+    """Largest cost of a control of norm 1, by thrusters of given directions."""
+    return float(_length(_gauge(directions)).max())
+
+
 def dual_norm(along: Vector, thrust: Thrust) -> Scalar:
     """Dual norm of the cost: the largest v · u of controls u of cost 1, for vectors v."""
     if thrust.directions is None:

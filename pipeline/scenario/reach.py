@@ -10,6 +10,7 @@ from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import craft_fuel_bound, minimum_limits, minimum_limits_at_nodes
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import ALONG_AXES, NORM, Limits
+from pipeline.orbit.thrust_cost import dearest
 from pipeline.scenario.diagnostic import Case, Diagnostic, diagnostic_of
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.state_constraints import StateConstraints, timed_constraints
@@ -143,6 +144,8 @@ def _burns_too_small(k: int, limits: Limits, problem: Problem) -> CaseAndCure | 
         return None
     if thrust.model == NORM:
         most[0] *= np.sqrt(3)  # along all three axes
+    elif not isinstance(thrust.model, str):
+        most[1] *= dearest(thrust.model)  # thrusts may cancel out in part
     burn = problem.time_step * float(min(most))
     burn = min(burn, float(limits.delta_v[k]))
     if burn >= thrust.min_delta_v * (1 - LIMIT_ROUNDING):

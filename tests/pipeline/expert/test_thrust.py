@@ -125,6 +125,22 @@ def test_a_budget_is_judged_beside_a_limit_that_hardly_suffices_or_does_not(shar
             assert named == [["least_delta_v"]] * (budget < 1)
 
 
+def test_check_knows_that_thrusters_which_cancel_out_in_part_exceed_the_norm():
+    """Six thrusters in a plane, but for a tenth: across it three fire for the third of one."""
+    turns = np.deg2rad([0, 120, 240])
+    flat = [[np.cos(turn), np.sin(turn), up] for up in (0.1, -0.1) for turn in turns]
+    model = tuple(tuple((one / np.linalg.norm(one)).tolist()) for one in np.array(flat))
+    rise = ONE.problem.mean_motion * ONE.problem.duration
+    up = 60 * np.array([np.cos(rise), -ONE.problem.mean_motion * np.sin(rise)])
+    ends = np.zeros((2, 1, 6))
+    ends[0, 0, 2], ends[1, 0, [2, 5]] = 100.0, up
+    scenario = with_thrust(replace(ONE, initial=ends[0], goal=ends[1]), Thrust(model, 5e-4, 0.07))
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert plan.certificate.smallest_burn.least > 5e-4 * ONE.problem.time_step
+    assert all(one.fine for one in diagnostics(scenario) if one.rule == REACHABLE)
+
+
 def weakest_norm(scenario):
     """Least limit on the norm with which craft 0 reaches its goal, by cvxpy, m/s²."""
     reach, miss, unit = maps(scenario)
