@@ -120,7 +120,7 @@ def test_a_search_takes_a_url_and_records_none_of_its_secrets(run, here):
     run("sample", "--n", 3, "--count", 12, "--shares", ".5,.5,0", "--out", URL, "--jobs", 1)
     run("solve", URL, "--jobs", 1)
     said = run("tune", "--arch", "ff1", "--data", URL, "--n", 3, "--trials", 1, "--epochs", 1)
-    assert "--data memory://box/my n4" in said
+    assert "--data 'memory://box/my n4'" in said
     assert kept(here) == []
 
 
