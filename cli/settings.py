@@ -5,7 +5,7 @@ values, and those of experiments become MLflow's parameters by the names of thei
 """
 
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -295,7 +295,7 @@ class InertialFiles:
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
         from pipeline.scenario.fields import utc
-        from pipeline.scenario.inertial import read_each, scenario_from_inertial
+        from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
 
         if self.initial is None or self.goal is None:
             raise InputError(
@@ -306,12 +306,12 @@ class InertialFiles:
             first = None if epoch is None else utc(epoch)
         except ValueError as error:
             raise InputError(f"--epoch is {epoch!r}: {error}.") from error
-        found = read_each((self.initial, self.goal, self.chief))
+        read = cache(read_inertial)  # one file may be all three, and standard input is there once
         return scenario_from_inertial(
-            found[self.initial],
-            found[self.goal],
+            read(self.initial),
+            read(self.goal),
             problem,
-            chief=found.get(self.chief),
+            chief=None if self.chief is None else read(self.chief),
             epoch=first,
             j2=j2,
             ballistic=self.ballistic,

@@ -82,9 +82,7 @@ def read_document(path: Path, kind: type[Document], what: str) -> Document:
 def document_in(content: bytes, kind: type[Document], where: object, what: str) -> Document:
     """Parse and validate a JSON text as a document; InputErrors name where the text is from."""
     try:
-        value = parse_json(content)
-        refuse_repeated(content)
-        return kind.model_validate(value)
+        return kind.model_validate(parse_unique_json(content))
     except ValidationError as error:  # which is a ValueError
         raise InputError(f"{where}: {faults(error, kind)}; expected {what}.") from error
     except InputError as error:  # of a value that refuses what it is made of
@@ -93,8 +91,8 @@ def document_in(content: bytes, kind: type[Document], where: object, what: str) 
         raise InputError(f"{where} is not JSON: {error}; expected {what}.") from error
 
 
-def refuse_repeated(content: bytes) -> None:
-    """Raise InputError for a field that is there twice: readers take one or the other."""
+def parse_unique_json(content: bytes) -> Any:
+    """As ``parse_json``; InputError for a field that is there twice, of which readers take one."""
 
     def once(fields: list[tuple[str, Any]]) -> None:
         names = [name for name, _ in fields]
@@ -102,8 +100,10 @@ def refuse_repeated(content: bytes) -> None:
             name = next(name for name in names if names.count(name) > 1)
             raise InputError(f"{name} is there twice; expected each field once: remove one.")
 
+    value = parse_json(content)
     # Numbers are of no interest here.
     json.loads(content, object_pairs_hook=once, parse_float=str, parse_int=str)
+    return value
 
 
 def document_from(fields: dict[str, Any], kind: type[Document]) -> Document:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
@@ -20,7 +21,7 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import scenario_from
-from pipeline.scenario.inertial import read_each, scenario_from_inertial
+from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.scenario.scenario import EndKind
 from pipeline.scenario.spacecraft import Spacecraft
@@ -165,14 +166,12 @@ def scenario_from_files(
     """
     grid = Problem(Problem.mean_motion, time_step, nodes, collision_radius, max_acceleration)
     at = None if epoch is None else utc_epoch(epoch)
-    first, last = path_of(initial), path_of(goal)
-    leader = None if chief is None else path_of(chief)
-    found = read_each((first, last, leader))
+    read = cache(read_inertial)  # one file may be all three, and standard input is there once
     made = scenario_from_inertial(
-        found[first],
-        found[last],
+        read(path_of(initial)),
+        read(path_of(goal)),
         grid,
-        chief=found.get(leader),
+        chief=None if chief is None else read(path_of(chief)),
         epoch=at,
         j2=j2,
         ballistic=ballistic,

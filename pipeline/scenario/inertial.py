@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.documents import MOST_BYTES, parse_json, refuse_repeated
+from pipeline.documents import MOST_BYTES, parse_unique_json
 from pipeline.errors import InputError, error_context, is_number
 from pipeline.files import read_bytes
 from pipeline.orbit.arrays import Formation
@@ -101,11 +101,6 @@ def read_inertial(path: Path) -> Inertial:
     return Inertial(str(path), found[0].frame, tuple(found))
 
 
-def read_each(paths: Iterable[Path | None]) -> dict[Path | None, Inertial]:
-    """The states in each of these files, read once, since standard input is there once only."""
-    return {path: read_inertial(path) for path in dict.fromkeys(paths) if path is not None}
-
-
 def check_frames(given: Sequence[Inertial | Ephemeris]) -> None:
     """Refuse states in several frames, which differ by up to a metre."""
     frames = {one.frame: one.name for one in given}
@@ -161,11 +156,10 @@ def _number(text: Any) -> Any:
 
 def _json_rows(text: str, name: str) -> list[dict[str, Any]]:
     try:
-        rows = parse_json(text.encode())
+        with error_context(name):
+            rows = parse_unique_json(text.encode())
     except ValueError as error:
         raise InputError(f"{name} is not JSON: {error}; expected {WHAT}.") from error
-    with error_context(name):
-        refuse_repeated(text.encode())
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f"{name} is no list of objects; expected one for each craft, in [].")
     return rows
