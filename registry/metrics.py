@@ -70,7 +70,7 @@ def model_metric_by_size(version: models.ModelVersion, name: str) -> dict[int, f
 def training_tables(
     versions: Sequence[models.ModelVersion], names: Mapping[str, str] | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tables of trainings: a row for each version, and a row for each epoch of its losses.
+    """Two tables of trainings: a row for each model version, and a row for each training epoch.
 
     Versions have names by URI, by default those of ``table_names``.
     """

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from json import dumps
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import mlflow
@@ -283,7 +284,8 @@ def _find(store: Store, reference: str) -> ModelVersion:
     if alike and (mark or "@", rest or CHAMPION) == ("@", CHAMPION):
         raise InputError(
             f"{name} has no champion; expected one, or the number of a version: make one of its "
-            f"versions ({alike}) the champion with `prolearn models promote {name} --version V`."
+            f"versions ({alike}) the champion with `prolearn models promote {quote(name)} "
+            "--version V`."
         )
     known = [f"{v.name}/{v.version} ({', '.join((v.recipe, *v.aliases))})" for v in versions]
     raise InputError(

@@ -48,7 +48,7 @@ class _IntegerProgram(ConicProgram):
         return rows, np.concatenate([upper, np.zeros(2 * N)])
 
     def most(self) -> Float[Array, "N"]:
-        """Upper bounds on scaled thrusts: limits, or many times a typical one; 0 if not allowed."""
+        """Upper bounds on scaled thrusts: limits, or else a big M; 0 where none is allowed."""
         limit = np.minimum(self.limits.component / self.sub.unit, self._far_beyond_typical())
         most = np.repeat(limit[self.slots[0]], len(self.price))
         most[np.setdiff1d(np.arange(self.thrusts), self.kept)] = 0.0

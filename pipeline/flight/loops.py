@@ -112,7 +112,7 @@ class TrialSettings:
         return [range(k, min(k + step, trials)) for k in range(0, trials, step)]
 
     def fly(self, loop: Loop, trials: range) -> Trials:
-        """Fly a range of a loop's trials at once, as in ``fly_trials``."""
+        """Fly Monte Carlo trials of one guidance loop as a batch, as in ``fly_trials``."""
         scenario, errors, count = self.scenario, self.errors, len(trials)
         drawn = draws(self.seed, trials, scenario.n, scenario.problem.intervals)
         unsafe, seconds = np.zeros(count, dtype=int), np.zeros((count, 0))

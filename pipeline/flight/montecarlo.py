@@ -149,7 +149,7 @@ def fly_all(
 
 
 def _unlike(scenario: Scenario) -> dict[str, Any]:
-    """Radii, obstacles, corridors and limits of thrusters, for the metadata of a shard."""
+    """Metadata of trials: radii, obstacles, corridors, and thrust limits of single craft."""
     found: dict[str, Any] = {}
     own = [one.max_acceleration for one in scenario.craft]
     if any(own) and not isinstance(scenario.problem.thrust.model, str):
@@ -162,7 +162,7 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
 
 
 def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
-    """Whether a shard is sound, with its timings and the rows that are asked for.
+    """Whether a shard of trials is done: undamaged, with its timings and all rows asked for.
 
     InputError where it was made with other settings or versions.
     """

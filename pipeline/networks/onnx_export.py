@@ -212,7 +212,7 @@ def export(
 def _traced_for(
     n: int | None, module: ExportedGraph, outputs: Sequence[str], model: Model
 ) -> torch.onnx.ONNXProgram:
-    """The graph for n craft, or for any number that one graph answers for."""
+    """Trace a network for n craft or, by default, with an axis of any number of craft."""
     craft = n or max(2, min(TRACED, model.n_train - 1))
     free = {0: Dim.DYNAMIC} if n else {0: Dim.DYNAMIC, 1: Dim.AUTO}
     ends = {"initial": torch.ones(2, craft, 6), "goal": torch.zeros(2, craft, 6)}

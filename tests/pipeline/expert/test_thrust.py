@@ -112,7 +112,7 @@ def test_limits_at_the_edge_decide(model):
 
 @pytest.mark.parametrize("share", [1.0, 1 - 5e-7, 1 - 2e-6, 0.5])
 def test_a_budget_is_judged_beside_a_limit_that_hardly_suffices_or_does_not(share):
-    """Within the rounding of a limit there is no transfer, and so no least fuel, by a program."""
+    """The program for the least fuel is infeasible where a limit is too low by rounding alone."""
     weakest = float(minimum_limits(ONE.initial, ONE.goal, ONE.problem)[0])
     for budget in (100.0, 1e-3):
         craft = (Spacecraft(delta_v=budget),)
@@ -126,7 +126,7 @@ def test_a_budget_is_judged_beside_a_limit_that_hardly_suffices_or_does_not(shar
 
 
 def test_check_knows_that_thrusters_which_cancel_out_in_part_exceed_the_norm():
-    """Six thrusters in a plane, but for a tenth: across it three fire for the third of one."""
+    """Six thrusters tilted 6° out of a plane: along its normal most of their thrust cancels out."""
     turns = np.deg2rad([0, 120, 240])
     flat = [[np.cos(turn), np.sin(turn), up] for up in (0.1, -0.1) for turn in turns]
     model = tuple(tuple((one / np.linalg.norm(one)).tolist()) for one in np.array(flat))
@@ -195,7 +195,7 @@ def test_burns_are_as_large_as_the_bit_where_there_are_few_intervals(bit):
 
 @pytest.mark.parametrize("bit", [0.2, 1.5])
 def test_burns_as_large_as_the_bit_are_found_where_windows_leave_little_time(bit):
-    """The craft must burn some fifty times as hard as in the whole time, and without a limit."""
+    """In the short time left a craft without limits needs some fifty times the usual thrust."""
     grid = replace(ONE.problem, nodes=21, time_step=60.0)
     thrust = Thrust(min_delta_v=bit, no_burn=((0.0, 1020.0),))
     late = with_thrust(replace(ONE, problem=grid), thrust)
@@ -209,7 +209,7 @@ def test_burns_as_large_as_the_bit_are_found_where_windows_leave_little_time(bit
 
 
 def test_burns_as_large_as_the_bit_are_found_by_waypoints_far_from_both_ends():
-    """At its goal the craft is where it drifts by itself, so that it needs no burn but for them."""
+    """The craft drifts to its goal without thrust, so waypoints alone make burns necessary."""
     drift = np.linalg.matrix_power(exact_step(ONE.problem.mean_motion, 120.0)[0], 10)
     by = (Waypoint(0, (400.0, 500.0, 600.0), time=600.0),)
     thrust = Thrust(min_delta_v=0.2)

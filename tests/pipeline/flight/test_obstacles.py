@@ -254,7 +254,7 @@ def test_craft_adrift_come_as_close_to_obstacles_as_when_integrated(obstacle):
 
 
 def test_what_is_held_does_not_fall_where_it_would_if_it_were_let_go():
-    """From 150 km below a craft's orbit, without thrust, it would come down."""
+    """Released 150 km below, the obstacle would fall into the Earth; it is held there."""
     below = Obstacle("below", (-150e3, 0.0, 0.0, 0.0, 0.0, 0.0), radius=5.0, hold=True)
     plan = solve(swarm(2, craft=RADII))
     beside = replace(plan.scenario, obstacles=(below,))

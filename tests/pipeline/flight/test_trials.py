@@ -63,7 +63,7 @@ THRUSTERS = Thrust(tuple(map(tuple, np.vstack([LEGS, [[1, 0, 0], [-1, 0, 0]]]).t
 
 
 def weak(limit):
-    """Three craft of six thrusters, of which one craft's have a limit, m/s²."""
+    """Scenario of three craft with six thrusters each; a limit, m/s², for those of one craft."""
     drawn = draw("rings", 0, 3, 3, Problem(nodes=6), "test")
     craft = Spacecraft(max_acceleration=limit), Spacecraft(), Spacecraft()
     return replace(drawn, problem=replace(drawn.problem, thrust=THRUSTERS), craft=craft)
@@ -93,7 +93,7 @@ def test_a_folder_refuses_other_limits_of_thrusters(tmp_path):
 
 
 def test_feedback_that_knows_states_late_leaves_a_plan_as_flown_alone():
-    """Of kilometres, whose flight is decimetres off linear motion: without errors, as planned."""
+    """In a swarm of kilometres, where nonlinear terms are decimetres; there are no errors."""
     drawn = draw("rings", 0, 3, 3, Problem(), "test")
     scenario = replace(drawn, initial=10 * drawn.initial, goal=10 * drawn.goal)
     plan = AsFlown(Expert(), Conditions().orbit(scenario.problem)).plan([scenario])[0]

@@ -343,7 +343,7 @@ def test_a_limit_that_leaves_corrections_nothing_is_not_said_to_be_out_of_reach(
 
 
 def test_the_bound_of_assigned_goals_is_of_the_limits_that_were_planned_for():
-    """Just above the least limit of one craft, which is least for the goals that are taken."""
+    """With a limit just above the least one for which some goal assignment is feasible."""
     scenario, planner = swarm("rings", 0.01, n=3), PLANNERS["goal assignment"]
     low, high = 1e-6, 5e-3
     for _ in range(30):
