@@ -77,7 +77,7 @@ def plan(
             f"the planner {chosen.name} is given with options, and has its own of these; expected "
             "a planner's name with options, or the planner alone."
         )
-    return (AsFlown(chosen) if world else chosen).plan([scenario])[0]
+    return _plans(AsFlown(chosen) if world else chosen, [scenario])[0]
 
 
 def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -> list[Plan]:
@@ -90,7 +90,19 @@ def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -
     check_each("scenarios", scenarios, Scenario)
     for one in scenarios:
         refuse_formations(one)
-    return _planner_from(planner).plan(scenarios)
+    return _plans(_planner_from(planner), scenarios)
+
+
+def _plans(planner: Planner, scenarios: list[Scenario]) -> list[Plan]:
+    """A planner's plans; InputError where a planner of the caller's own gives other than asked."""
+    plans = planner.plan(scenarios)
+    check_each(f"what the planner {planner.name} returned", plans, Plan)
+    if len(plans) != len(scenarios):
+        raise InputError(
+            f"the planner {planner.name} returned {len(plans)} plans for {len(scenarios)} "
+            "scenarios; expected one for each, in order."
+        )
+    return plans
 
 
 def tradeoff(

@@ -36,8 +36,10 @@ class Sample:
 
     @property
     def splits(self) -> dict[str, range]:
-        """The rows of each split."""
+        """The rows of each split; the last one that has a share takes what rounding leaves."""
         train, valid = (round(self.count * share) for share in self.shares[:2])
+        if self.shares[2] == 0:
+            valid = self.count - train
         ends = (0, train, min(train + valid, self.count), self.count)
         return {split: range(*rows) for split, rows in zip(SPLITS, pairwise(ends), strict=True)}
 

@@ -369,6 +369,16 @@ class Straight(Nearly):
     requirements = prolearn.Requirements()
 
 
+class Forgetful(Straight):
+    def plan(self, scenarios):
+        return super().plan(scenarios)[1:]
+
+
+class Stranger(Straight):
+    def plan(self, scenarios):
+        return scenarios
+
+
 def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
     assert prolearn.plan(plan.scenario, Straight()).planner == "straight line"
     assert prolearn.monte_carlo(plan, 1, replan=Straight()).summaries[1].planner == "nearly"
@@ -399,6 +409,8 @@ def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
         (lambda p: swap(craft=[{}] * 6), "craft is .*; expected a list of Spacecraft"),
         (lambda p: swap(obstacles=[1]), "obstacles is .1.; expected a list of Obstacle"),
         (lambda p: prolearn.plan_all([1]), "scenarios is .1.; expected a list of Scenario"),
+        (lambda p: prolearn.plan(p.scenario, Forgetful()), "nearly returned 0 plans for 1 scen"),
+        (lambda p: prolearn.plan_all([p.scenario], Stranger()), "nearly returned is .*of Plan"),
         (lambda p: prolearn.read_dataset("ds", "3"), "n is '3'; expected a whole number"),
         (lambda p: prolearn.read_dataset("ds", 3, columns="fuel"), "columns is 'fuel'; expected a"),
         (lambda p: prolearn.read_plan("nothing.json"), "nothing.json cannot be read"),

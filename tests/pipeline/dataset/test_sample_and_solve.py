@@ -69,6 +69,7 @@ def test_splits_follow_each_other_with_their_shares_and_are_numbered_anew():
         ((0.8, 0.1, 0.1), ["train", "train", "train", "train valid", "valid test"]),  # 76, 86
         ((0.5, 0.0, 0.5), ["train", "train", "train test", "test", "test"]),  # 48, 48
         ((0.0, 0.0, 1.0), ["test"] * 5),
+        ((0.5, 0.5, 0.0), ["train", "train", "train valid", "valid", "valid"]),  # 48, 95
     ],
 )
 def test_a_shard_has_the_splits_of_its_rows(shares, shards):
