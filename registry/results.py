@@ -114,7 +114,7 @@ def earlier_run(
     """
     wanted = entities.recorded(params)
     run = latest(experiment, {name: wanted[name] for name in kind})
-    if run is None or run.params != wanted:
+    if run is None or deciding(run.params) != deciding(wanted):
         return None
     if change := changed_since(run.tags, made_by):
         progress.say(f"run {run.run_id} of {experiment} was made with {change}; it is done again.")
@@ -126,6 +126,11 @@ def earlier_run(
     except InputError as error:
         progress.say(f"{error} It is done again.")
         return None
+
+
+def deciding(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters that decide results: all but where the data are, whose digest is among them."""
+    return {name: value for name, value in params.items() if name != "data"}
 
 
 def latest(

@@ -43,7 +43,7 @@ from pipeline.storage.folder import Where
 from pipeline.text import public_url
 from registry.environment import EVALUATED_BY, with_architectures
 from registry.models import ModelVersion, load, newest_trainings, resolve, table_names
-from registry.results import Recorded, earlier_run, record, unfinished_parts
+from registry.results import Recorded, deciding, earlier_run, record, unfinished_parts
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 WARMSTART_SIZES = {"expert": "10,30", "plain": "10"}  # of swarms by default, by optimizer
@@ -150,7 +150,7 @@ class HeldOut:
         by = with_architectures(EVALUATED_BY, (one.model.architecture for one in self.networks))
         if resume and (earlier := earlier_run(experiment, params, kind, progress, by)):
             return Recorded(earlier, earlier=True)
-        decided = {"params": params, "networks": weights}
+        decided = {"params": deciding(params), "networks": weights}
         with (
             unfinished_parts(experiment, decided, by, resume=resume, progress=progress) as kept,
             scratch_folder() as scratch,

@@ -213,7 +213,7 @@ def test_parts_are_for_the_code_that_made_them(folder: Path) -> None:
     assert len([*Path("mlruns/.unfinished").iterdir()]) == 2
 
 
-def test_an_evaluation_of_the_same_models_in_another_order_is_the_same(
+def test_an_evaluation_of_the_same_models_and_data_is_the_same_however_they_are_named(
     register: Callable[..., Any], solved: Path
 ) -> None:
     for noise in (1.0, 2.0):
@@ -221,7 +221,8 @@ def test_an_evaluation_of_the_same_models_in_another_order_is_the_same(
     asked = Evaluation(models="ff1/1,ff1/2", data=str(solved), sizes="3", trials=2, timed=0)
     alone = Workers(jobs=1)
     first = evaluate(asked, workers=alone, resume=True)
-    again = evaluate(replace(asked, models="ff1/2,ff1/1"), workers=alone, resume=True)
+    renamed = replace(asked, models="ff1/2,ff1/1", data=f"{solved}/")
+    again = evaluate(renamed, workers=alone, resume=True)
     assert (again.run_id, again.earlier) == (first.run_id, True)
 
 
