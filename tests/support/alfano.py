@@ -65,11 +65,15 @@ def flown(states: np.ndarray, time: float) -> np.ndarray:
     rate, cosine, sine = np.sqrt(MU / a**3), 1 - r / a, np.vecdot(start, speed) / np.sqrt(MU * a)
     swept = rate * time
     for _ in range(8):
-        excess = swept - cosine * np.sin(swept) + sine * (1 - np.cos(swept)) - rate * time
-        swept = swept - excess / (1 - cosine * np.cos(swept) + sine * np.sin(swept))
-    far = a * (1 - cosine * np.cos(swept) + sine * np.sin(swept))
-    f, g = 1 - a / r * (1 - np.cos(swept)), time - (swept - np.sin(swept)) / rate
-    df, dg = -np.sqrt(MU * a) / (r * far) * np.sin(swept), 1 - a / far * (1 - np.cos(swept))
+        s, c = np.sin(swept), np.cos(swept)
+        step = (swept - cosine * s + sine * (1 - c) - rate * time) / (1 - cosine * c + sine * s)
+        swept = swept - step
+        if np.abs(step).max() < 1e-9:  # the next would be its square
+            break
+    s, c = np.sin(swept), np.cos(swept)
+    far = a * (1 - cosine * c + sine * s)
+    f, g = 1 - a / r * (1 - c), time - (swept - s) / rate
+    df, dg = -np.sqrt(MU * a) / (r * far) * s, 1 - a / far * (1 - c)
     position, velocity = (x[:, None] * start + y[:, None] * speed for x, y in ((f, g), (df, dg)))
     return np.concatenate([position, velocity], axis=1)
 

@@ -223,7 +223,10 @@ def _between(
     first = np.linalg.inv(to_lvlh(begins, force(begins)))
     start = np.concatenate([first, np.zeros((k, 6, 3))], axis=2) / scale
     flat = np.concatenate([begins.ravel(), start.ravel()])
-    end = solve_ivp(motion, (0.0, 1.0), flat, method="DOP853", rtol=1e-13, atol=1e-12).y[:, -1]
+    solved = solve_ivp(  # short arcs need one step alone
+        motion, (0.0, 1.0), flat, method="DOP853", first_step=1.0, rtol=1e-13, atol=1e-12
+    )
+    end = solved.y[:, -1]
     states, maps = end[: 6 * k].reshape(k, 6), end[6 * k :].reshape(k, 6, 9) * scale
     seen = to_lvlh(states, force(states)) @ maps
     return seen[..., :6], seen[..., 6:]
@@ -270,15 +273,15 @@ def flight(
     (step, parts), origin, n = grid, begin, len(states)
 
     def pulls(origin: np.ndarray, apart: np.ndarray) -> np.ndarray:
-        return force(np.concatenate([origin[None], origin + apart]))
+        return force(np.concatenate([origin, origin + apart], axis=-2))
 
     def motion(_: float, flat: np.ndarray, push: np.ndarray) -> np.ndarray:
         origin, apart = flat[:6], flat[6:].reshape(n, 6)
-        pulled = pulls(origin, apart)
+        pulled = pulls(origin[None], apart)
         moved = np.hstack([apart[:, 3:], pulled[1:] - pulled[0] + push @ axes(origin).T])
         return np.concatenate([origin[3:], pulled[0], moved.ravel()])
 
-    begins = to_lvlh(origin, pulls(origin, 0 * states)[0])
+    begins = to_lvlh(origin, pulls(origin[None], 0 * states)[0])
     apart, flown = np.linalg.solve(begins, states.T).T, []
     times = np.linspace(0.0, step, parts + 1)
     for k in range(controls.shape[1]):
@@ -287,9 +290,10 @@ def flight(
         solved = solve_ivp(
             pushed, (0.0, step), start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-10
         )
-        both = [(one[:6], one[6:].reshape(n, 6)) for one in solved.y.T]
-        flown.append([b @ to_lvlh(o, pulls(o, b)[0]).T for o, b in both])
-        origin, apart = both[-1]
+        origins, aparts = solved.y[:6].T, solved.y[6:].T.reshape(-1, n, 6)
+        seen = to_lvlh(origins, pulls(origins[:, None], aparts)[:, 0])
+        flown.append(aparts @ seen.swapaxes(1, 2))
+        origin, apart = origins[-1], aparts[-1]
     return np.array(flown).transpose(2, 0, 1, 3)
 
 

@@ -63,8 +63,7 @@ def integrated(problem, states):
         length = np.diff(found.t_events[0]).mean()
     times = length / LOOKS * np.arange(REVOLUTIONS * LOOKS)
     flown = found.sol(times).T.reshape(len(times), -1, 6)
-    turns = np.stack([axes(one) for one in flown[:, 0]])
-    relative = np.einsum("tji,tnj->nti", turns, (flown[:, 1:] - flown[:, :1])[..., :3])
+    relative = np.einsum("tji,tnj->nti", axes(flown[:, 0]), (flown[:, 1:] - flown[:, :1])[..., :3])
     return relative.reshape(len(states), REVOLUTIONS, LOOKS, 3)
 
 

@@ -30,7 +30,8 @@ from pipeline.scenario import draw
 def dense_minimum(states, controls, problem, i, j, samples=400):
     """Least distance of one pair: fine samples, each dip refined by Brent's method."""
     e, h = problem.mean_motion, problem.time_step
-    best = np.inf
+    times, best = np.linspace(0, h, samples + 1), np.inf
+    drift, push = cw_matrices(e, times)
     for k in range(problem.intervals):
         ds, du = states[i, k] - states[j, k], controls[i, k] - controls[j, k]
 
@@ -38,8 +39,7 @@ def dense_minimum(states, controls, problem, i, j, samples=400):
             A, B = cw_matrices(e, t)
             return float(np.linalg.norm((A @ ds + B @ du)[:3]))
 
-        times = np.linspace(0, h, samples + 1)
-        q = int(np.argmin([gap(t) for t in times]))
+        q = int(np.linalg.norm((drift @ ds + push @ du)[:, :3], axis=1).argmin())
         bounds = times[max(q - 1, 0)], times[min(q + 1, samples)]
         found = minimize_scalar(gap, bounds=bounds, method="bounded", options={"xatol": 1e-9})
         best = min(best, found.fun, gap(times[q]))
@@ -136,7 +136,7 @@ def test_no_close_pair_of_a_large_swarm_is_overlooked(n, spread, speed, share):
     A, B = cw_matrices(problem.mean_motion, np.linspace(0, problem.time_step, 120))
     i, j = np.triu_indices(n, 1)
     ds, du = states[i, :-1] - states[j, :-1], controls[i] - controls[j]
-    gap = np.einsum("qij,ptj->ptqi", A[:, :3], ds) + np.einsum("qij,ptj->ptqi", B[:, :3], du)
+    gap = np.tensordot(ds, A[:, :3], (2, 2)) + np.tensordot(du, B[:, :3], (2, 2))
     close = np.linalg.norm(gap, axis=-1).min(axis=-1) <= 40.0
     row, interval = np.nonzero(close & (moved[i] | moved[j])[:, None])
     known = list(zip(found.first, found.second, found.interval, strict=True))
