@@ -287,9 +287,8 @@ def flight(
     for k in range(controls.shape[1]):
         start = np.concatenate([origin, apart.ravel()])
         pushed = partial(motion, push=controls[:, k])
-        solved = solve_ivp(
-            pushed, (0.0, step), start, method="DOP853", t_eval=times, rtol=2.3e-14, atol=1e-10
-        )
+        limits: dict[str, Any] = {"rtol": 2.3e-14, "atol": 1e-10, "first_step": step / 2}
+        solved = solve_ivp(pushed, (0.0, step), start, method="DOP853", t_eval=times, **limits)
         origins, aparts = solved.y[:6].T, solved.y[6:].T.reshape(-1, n, 6)
         seen = to_lvlh(origins, pulls(origins[:, None], aparts)[:, 0])
         flown.append(aparts @ seen.swapaxes(1, 2))

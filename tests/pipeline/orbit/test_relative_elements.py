@@ -54,7 +54,7 @@ def integrated(problem, states):
         (0.0, (REVOLUTIONS + 1.1) * length),
         begin.ravel(),
         method="DOP853",
-        rtol=3e-14,
+        rtol=1e-12,
         atol=1e-8,
         events=northward,
         dense_output=True,
