@@ -8,11 +8,13 @@ other sizes in the same places.
 
 from collections.abc import Callable, Collection, Hashable
 from functools import cache, partial, wraps
+from operator import attrgetter
 from re import findall
 from types import FunctionType
 from typing import Any
 
 import jaxtyping
+import numpy as np
 
 Function = Callable[..., Any]
 Look = Callable[[Any], Hashable]
@@ -65,7 +67,7 @@ class Memory:
         self.patterns = Patterns(function)
         self.results: list[Any] = []
         self.running: list[Function] = []
-        self.kind_of = KINDS[tells_texts(function)].of
+        self.kinds = KINDS[tells_texts(function)]
         results, running = self.results, self.running
 
         def known(*args: Any, **kwargs: Any) -> Any:
@@ -82,15 +84,15 @@ class Memory:
     def of(self, function: FunctionType) -> Function:
         """Wrap one of these functions so that its calls are checked."""
         right, results, running = self.right, self.results, self.running
-        kind_of, checked, patterns = self.kind_of, self.checked, self.patterns
+        kinds, checked, patterns, config = self.kinds, self.checked, self.patterns, jaxtyping.config
 
         @wraps(function)
         def called(*args: Any, **kwargs: Any) -> Any:
-            if jaxtyping.config.jaxtyping_disable:
+            if config.jaxtyping_disable:
                 return function(*args, **kwargs)
-            given: tuple[Hashable, ...] = (*map(kind_of, args),)
+            given: tuple[Hashable, ...] = tuple([kinds[type(one)](one) for one in args])
             if kwargs:
-                given += *kwargs, *map(kind_of, kwargs.values())
+                given += *kwargs, *[kinds[type(one)](one) for one in kwargs.values()]
             found = right.get(given)
             if found is None and VARIES not in given and patterns.knows(given):
                 found = right[given] = set()
@@ -102,7 +104,7 @@ class Memory:
                     running.pop()
             else:
                 result = function(*args, **kwargs)
-                kind = kind_of(result)
+                kind = kinds[type(result)](result)
                 if kind in found:
                     return result
                 if kind is VARIES or not patterns.knows((given, kind)):
@@ -111,7 +113,7 @@ class Memory:
             if VARIES not in given:
                 found = right.setdefault(given, set())
                 patterns.add(given)
-                if (kind := kind_of(result)) is not VARIES:
+                if (kind := kinds[type(result)](result)) is not VARIES:
                     found.add(kind)
                     patterns.add((given, kind))
             return result
@@ -165,42 +167,37 @@ def tells_texts(function: FunctionType) -> bool:
     )
 
 
-class Kinds:
-    """Finds all of a value that an annotation can ask for, and of a text itself only if asked."""
+class Kinds(dict[type, Look]):
+    """Functions by type that find all of a value that an annotation can ask for.
+
+    Of a text that is the text itself only if asked.
+    """
 
     def __init__(self, texts: bool) -> None:
-        self._looks: dict[type, Look | None] = {bytes: None, range: None}
-        self._looks[str] = itself if texts else None
-        self._looks |= {list: self.alike, set: self.alike, frozenset: self.alike}
-        self._looks[dict] = self.mapped
+        super().__init__({bytes: type, range: type, str: itself if texts else type})
+        self |= {list: self.alike, set: self.alike, frozenset: self.alike, dict: self.mapped}
+        self[np.ndarray] = attrgetter("dtype", "shape")  # no other type has numpy's dtypes alone
 
-    def of(self, value: Any) -> Hashable:
-        """Kind of a value."""
-        kind: Any = type(value)
-        try:
-            look = self._looks[kind]
-        except KeyError:
-            look = self._looks[kind] = self.look(kind)
-        return look(value) if look else kind
-
-    def look(self, kind: type) -> Look | None:
-        """Function that describes a value of a type; None where the type alone describes it."""
+    def __missing__(self, kind: type) -> Look:
+        """Function that describes a value of a type; ``type`` where that alone describes it."""
+        look: Look = varying if issubclass(kind, Collection) else type
         if not {"ndarray", "Tensor"}.isdisjoint(base.__name__ for base in kind.__mro__):
-            return array
-        if issubclass(kind, type):
-            return itself
-        if issubclass(kind, tuple):
-            return self.in_order
-        return varying if issubclass(kind, Collection) else None
+            look = ARRAY
+        elif issubclass(kind, type):
+            look = itself
+        elif issubclass(kind, tuple):
+            look = self.in_order
+        self[kind] = look
+        return look
 
     def in_order(self, items: tuple[Any, ...]) -> Hashable:
         """Kind of a tuple."""
-        found = (type(items), *map(self.of, items))
+        found = (type(items), *[self[type(one)](one) for one in items])
         return VARIES if VARIES in found else found
 
     def alike(self, items: Collection[Any]) -> Hashable:
         """Kind of items; where they differ, a check that looks at one of them tells nothing."""
-        found = {*map(self.of, items)} if len(items) <= FEW else {VARIES}
+        found = {self[type(one)](one) for one in items} if len(items) <= FEW else {VARIES}
         return VARIES if len(found) > 1 or VARIES in found else (type(items), *found)
 
     def mapped(self, items: dict[Any, Any]) -> Hashable:
@@ -210,9 +207,8 @@ class Kinds:
         return VARIES if VARIES in found else found
 
 
-def array(value: Any) -> Hashable:
-    """Kind of numpy's arrays and torch's tensors, and of what is derived from them."""
-    return type(value), value.dtype, value.shape
+ARRAY = attrgetter("__class__", "dtype", "shape")
+"""Kind of numpy's arrays and torch's tensors, and of what is derived from them."""
 
 
 def itself(value: Hashable) -> Hashable:
