@@ -37,7 +37,7 @@ def closest_on_a_grid(plan, problem, samples=200):
     i, j = np.triu_indices(len(plan.states), 1)
     ds = plan.states[i, :-1] - plan.states[j, :-1]
     du = plan.controls[i] - plan.controls[j]
-    gap = np.einsum("qij,ptj->ptqi", A[:, :3], ds) + np.einsum("qij,ptj->ptqi", B[:, :3], du)
+    gap = np.tensordot(ds, A[:, :3], (2, 2)) + np.tensordot(du, B[:, :3], (2, 2))
     return np.linalg.norm(gap, axis=-1).min()
 
 

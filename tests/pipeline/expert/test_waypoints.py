@@ -49,16 +49,18 @@ def least_fuel(craft, passed, thrust, largest=False):
     """
     free, pushed = exact_step(PROBLEM.mean_motion, PROBLEM.time_step)
     control = cp.Variable((PROBLEM.intervals, 3))
-    state, constraints = SWARM.initial[craft], []
+    flat, constraints = cp.vec(control, order="C"), []
+    state, reach = SWARM.initial[craft], np.zeros((6, 3 * PROBLEM.intervals))
     size = np.repeat([1.0, PROBLEM.duration], 3)
     for node in range(1, PROBLEM.nodes):
-        state = free @ state + (pushed * 1e-3) @ control[node - 1]
+        state, reach = free @ state, free @ reach
+        reach[:, 3 * node - 3 : 3 * node] = pushed * 1e-3
         if node in passed:
-            constraints.append(state[:3] == passed[node])
-    constraints.append(cp.multiply(size, state) == size * SWARM.goal[craft])
+            constraints.append(reach[:3] @ flat == passed[node] - state[:3])
+    constraints.append((size[:, None] * reach) @ flat == size * (SWARM.goal[craft] - state))
     fired = control @ TURN if thrust is TURNED else control
     cost = cp.sum(cp.norm(fired, 2 if thrust is NORM else 1, axis=1))
-    cost = cp.norm(cp.vec(control, order="C"), "inf") if largest else cost
+    cost = cp.norm(flat, "inf") if largest else cost
     return cp.Problem(cp.Minimize(cost), constraints).solve(solver="CLARABEL") * 1e-3
 
 

@@ -433,7 +433,8 @@ def test_a_risk_is_kept_in_the_flight(asked, closed_loop):
 
 def test_what_an_impulse_bit_costs_is_told_of_the_flight_too():
     scenario = swarm("rings", 0.01, n=2)
-    scenario = replace(scenario, problem=replace(scenario.problem, thrust=Thrust(min_delta_v=0.005)))
+    thrust = Thrust(min_delta_v=0.005)
+    scenario = replace(scenario, problem=replace(scenario.problem, thrust=thrust))
     (linear,), (plan,) = Expert().plan([scenario]), AsFlown(Expert()).plan([scenario])
     assert plan.status == SOLVED
     burn = plan.certificate.smallest_burn

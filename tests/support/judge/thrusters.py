@@ -7,6 +7,7 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from scipy.optimize import linprog
+from scipy.sparse import eye, kron
 
 SHARE = 1e-6
 """Relative difference of forces and fuels that counts as rounding."""
@@ -75,15 +76,11 @@ class Thrusters:
             by_norm = np.linalg.norm(controls, axis=2, keepdims=True)
             return by_norm if self.model == "norm" else np.abs(controls)
         found = np.zeros((*controls.shape[:2], len(self.model)))
-        for k, t in zip(*np.nonzero(np.abs(controls).max(axis=2)), strict=True):
-            size, most = np.abs(controls[k, t]).max(), self.component[k] * (1 + SHARE)
-            bounds = (0, None if np.isinf(most) else most / size)
-            wanted, cost = controls[k, t] / size, np.ones(len(self.model))
-            for limit in (bounds, (0, None)):
-                solved = linprog(cost, A_eq=self.model.T, b_eq=wanted, bounds=limit)
-                if solved.status == 0:
-                    break
-            found[k, t] = size * solved.x
+        burns = np.nonzero(np.abs(controls).max(axis=2))
+        if len(burns[0]):
+            size = np.abs(controls[burns]).max(axis=1, keepdims=True)
+            most = self.component[burns[0], None] * (1 + SHARE) / size
+            found[burns] = size * _least_sums(controls[burns] / size, self.model, most)
         return found
 
     def spent(self, controls: np.ndarray) -> np.ndarray:
@@ -145,3 +142,17 @@ class Thrusters:
             limits.append(cp.norm(control, 2, axis=1) <= self.norm[k] / unit)
         limits += [thrust[t] <= 0 for t in np.flatnonzero(~self.open[k])]
         return control, cost, limits
+
+
+def _least_sums(wanted: np.ndarray, model: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Thrusts (n, K) of least sums that give vectors (n, 3), at most (n, 1) where they can."""
+    n, K = len(wanted), len(model)
+    given: dict[str, Any] = {"A_eq": kron(eye(n), model.T, format="csc"), "b_eq": wanted.ravel()}
+    for limit in (most, np.full((n, 1), np.inf)):
+        solved = linprog(np.ones(n * K), **given, bounds=[(0, one) for one in limit.repeat(K)])
+        if solved.status == 0:
+            return np.asarray(solved.x).reshape(n, K)
+        if n > 1:
+            pairs = zip(wanted[:, None], most[:, None], strict=True)
+            return np.concatenate([_least_sums(one, model, its) for one, its in pairs])
+    raise ArithmeticError(f"HiGHS cannot tell what thrusters fire: {solved.message}")
