@@ -195,14 +195,14 @@ def export(
         )
     outputs = ("states", "controls") if flown else ("states",)
     module = ExportedGraph(architecture, model, flown=flown)
-    try:
-        made = _traced_for(n, module, outputs, model)
-    except ProlearnError:
-        if n is not None or model.n_train > 1:
-            raise
-        n = 1  # all that a feed-forward network of one craft answers for without averages
-        made = _traced_for(n, module, outputs, model)
     with published(path) as temporary:
+        try:
+            made = _traced_for(n, module, outputs, model)
+        except ProlearnError:
+            if n is not None or model.n_train > 1:
+                raise
+            n = 1  # all that a feed-forward network of one craft answers for without averages
+            made = _traced_for(n, module, outputs, model)
         axes = dict.fromkeys(("initial", "goal", *outputs), ("batch", "n"))
         write(made, temporary, axes, {"schema": SCHEMA, **(about or {})})
         exported = _check(temporary, model, n, flown=flown)

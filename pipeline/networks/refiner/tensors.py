@@ -115,14 +115,16 @@ def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
     least = squares.amin(dim=0)
     s = when = times.gather(0, squares.argmin(dim=0, keepdim=True))[0]
     low, high = (when - 1 / stretches).clamp(min=0.0), (when + 1 / stretches).clamp(max=1.0)
+    gap = positions(ends, s)
     for _ in range(geometry.NEWTON_STEPS):
-        gap, speed = positions(ends, s), velocities(ends, s)
+        speed = velocities(ends, s)
         slope = (gap * speed).sum(dim=1)
         curvature = (speed.square() + gap * accelerations(ends, s)).sum(dim=1)
         flat = torch.sign(slope) * (high - low) / 4
         step = torch.where(curvature > 0, slope / curvature, flat)
         s = torch.minimum(torch.maximum(s - step, low), high)
-        square = positions(ends, s).square().sum(dim=1)
+        gap = positions(ends, s)
+        square = gap.square().sum(dim=1)
         when = torch.where(square <= least * geometry.EQUAL, s, when)
         least = torch.minimum(square, least)
     return when
