@@ -7,6 +7,7 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Generator, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -122,6 +123,15 @@ def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
         mlflow.MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
     return path
+
+
+@pytest.fixture(scope="session")
+def known_operators() -> None:
+    """torch's exporter parses the source of all operators that it knows for each graph anew."""
+    from torch.onnx._internal.exporter import _registration
+
+    apis = vars(_registration)["onnxscript_apis"]
+    apis.get_torchlib_ops = cache(apis.get_torchlib_ops)
 
 
 @pytest.fixture

@@ -50,7 +50,7 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def exported(model, pytestconfig):
+def exported(model, pytestconfig, known_operators):
     """The files; those of an earlier run, where nothing that decides them has changed since.
 
     To trace them takes most of a minute.
@@ -143,7 +143,8 @@ def test_files_are_checked_for_a_radius_at_which_rings_of_thirty_craft_do_not_fi
     assert found.difference <= 1e-5
 
 
-def test_files_of_other_weights_are_found_out(model, exported):
+def test_files_of_other_weights_are_found_out(model, exported, monkeypatch):
+    monkeypatch.setattr("pipeline.networks.refiner.on_board_export.SIZES", (10,))
     other = find("refiner").network(model.config, model.encoding, 0.0)
     torch.nn.init.normal_(other.offer.weight, std=0.05)
     with pytest.raises(ProlearnError, match="controls differ from the model's by"):
