@@ -112,21 +112,21 @@ def _flown(
             unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
             if plan.certificate.risk:
                 unsafe = float(plan.status != SOLVED)
-            rows = pd.DataFrame({name: flown[name] for name in MEASURED}).assign(
-                planned=planned,
-                world=world,
-                errors=errors,
-                loop=loop.name,
-                flight=range(count),
-                within_radius=flown["min_separation"] <= problem.collision_radius,
-                within_size=flown["min_separation"] <= SIZE,
-                unsafe_replans=unsafe,
-                planner=evaluated.planner.name,
-                recipe=evaluated.recipe,
-                training_seed=evaluated.training_seed,
-                delta_v_bound=plan.certificate.fuel_lower_bound * problem.time_step,
-            )
-            tables.append(rows)
+            rows = {name: flown[name] for name in MEASURED} | {
+                "planned": planned,
+                "world": world,
+                "errors": errors,
+                "loop": loop.name,
+                "flight": range(count),
+                "within_radius": flown["min_separation"] <= problem.collision_radius,
+                "within_size": flown["min_separation"] <= SIZE,
+                "unsafe_replans": unsafe,
+                "planner": evaluated.planner.name,
+                "recipe": evaluated.recipe,
+                "training_seed": evaluated.training_seed,
+                "delta_v_bound": plan.certificate.fuel_lower_bound * problem.time_step,
+            }
+            tables.append(pd.DataFrame(rows))
     columns = list(records.TABLES["flights"])
     return pd.concat(tables).assign(n=scenario.n, trial=trial)[columns]
 
