@@ -116,7 +116,7 @@ def _facets(
     corner = corner[np.linalg.cond(points[corner]) < FLAT]
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
     dual = inverse.sum(axis=2)  # solves corners · y = 1
-    reached = dual @ points.T
+    reached = dual @ points[: len(used)].T  # to those of the other sign it is as much
     np.abs(reached, out=reached)  # of a thousand nodes it has hundreds of MB
     dual /= np.maximum(reached.max(axis=1, keepdims=True), 1.0)
     weights = inverse.transpose(0, 2, 1) * scale
