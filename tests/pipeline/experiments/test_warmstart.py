@@ -14,6 +14,8 @@ from pipeline.planners.classical import Expert
 from pipeline.scenario import draw
 
 SCENARIOS = [draw("rings", 0, 10, k, Problem()) for k in (1, 2, 3, 5)]
+FEW = SCENARIOS[1:3]
+"""For the plain SCP, which takes far longer; it keeps craft apart between nodes in one of them."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ def table():
 
 @pytest.fixture(scope="module")
 def plain():
-    return run_warmstarts({("oracle", 0): Oracle()}, [SCENARIOS], "plain")
+    return run_warmstarts({("oracle", 0): Oracle()}, [FEW], "plain")
 
 
 def test_every_seed_and_rule_has_a_row_for_every_scenario(table):
@@ -54,7 +56,7 @@ def test_the_experts_own_plan_as_a_seed_is_done_in_one_solve(table):
 
 def test_the_plain_scp_starts_from_every_seed_and_from_the_decoupled_optima(plain, table):
     counts = plain.groupby(["seed", "rule"]).trial.nunique()
-    assert set(counts) == {len(SCENARIOS)}
+    assert set(counts) == {len(FEW)}
     seeds = {*SEEDS, "decoupled optimum", "oracle"}
     assert {(str(seed), str(rule)) for seed, rule in counts.index} == {
         (seed, "converged") for seed in seeds
@@ -67,10 +69,10 @@ def test_the_plain_scp_starts_from_every_seed_and_from_the_decoupled_optima(plai
 def test_the_plain_scps_plans_are_solved_at_the_nodes_and_called_safe_only_where_they_are(plain):
     assert set(plain.status) == {"solved"}
     scp = PlainScp(10, Problem())
-    plans = [scp.solve(s, decoupled_seed(s)) for s in SCENARIOS]
+    plans = [scp.solve(s, decoupled_seed(s)) for s in FEW]
     between = [bool(least_separation(p.states, p.controls, Problem()).distance > 15) for p in plans]
     assert plain[plain.seed == "decoupled optimum"].sort_values("trial").safe.tolist() == between
-    assert not all(between)
+    assert sorted(between) == [False, True]
 
 
 def test_a_blank_start_costs_the_plain_scp_more_solves_than_a_good_seed(plain):
