@@ -10,11 +10,13 @@ from contents import content
 from forged import forge
 from rights import bound_by_modes
 
-from pipeline.dataset.making import solve
+from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.samples import Sample
 from pipeline.dataset.verifying import repair, verify
 from pipeline.errors import InputError
 from pipeline.expert import Settings
+from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.storage import COPY, MANIFEST, TIMED
@@ -44,17 +46,19 @@ def rows(folder):
 
 
 @pytest.mark.parametrize("name", [MANIFEST, COPY])
-def test_a_flipped_bit_of_the_manifest_is_a_fault_and_mended_by_its_copy(solved, name):
-    before, chance = content(solved), random.Random(name)
-    whole = (solved / name).read_bytes()
+def test_a_flipped_bit_of_the_manifest_is_a_fault_and_mended_by_its_copy(tmp_path, name):
+    sample(tmp_path, {3: Sample(count=2)}, Problem(), workers=ONE)
+    solve(tmp_path, Settings(), workers=ONE)
+    before, chance = content(tmp_path), random.Random(name)
+    whole = (tmp_path / name).read_bytes()
     for _ in range(12):
         damaged = bytearray(whole)
         damaged[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
-        (solved / name).write_bytes(damaged)
-        assert name in {fault.path for fault in faults(solved)}
-        repair(solved, workers=ONE)
-        assert content(solved) == before
-        assert faults(solved) == []
+        (tmp_path / name).write_bytes(damaged)
+        assert name in {fault.path for fault in faults(tmp_path)}
+        repair(tmp_path, workers=ONE)
+        assert content(tmp_path) == before
+        assert faults(tmp_path) == []
 
 
 def test_a_damaged_manifest_stops_work_with_what_to_do(solved):
@@ -221,17 +225,18 @@ def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved):
     assert content(solved) == before
 
 
-@pytest.mark.parametrize("top", ["", "_scenarios/", "_timings/"])
-def test_a_flipped_bit_of_a_footer_is_a_fault_and_mended(solved, top):
-    before, chance = content(solved), random.Random(top)
-    path = solved / top / SHARD
-    whole = path.read_bytes()
-    length = int.from_bytes(whole[-8:-4], "little") + 8
+def test_flipped_bits_of_footers_are_faults_and_mended(solved):
+    """In files of three shards at once, since each is checked and made again by itself."""
+    before, chance = content(solved), random.Random(0)
+    names = (SHARD, "_scenarios/n=3/part-00000.parquet", "_timings/n=2/part-00001.parquet")
     for _ in range(12):
-        damaged = bytearray(path.read_bytes() if top == "_timings/" else whole)
-        damaged[-1 - chance.randrange(length)] ^= 1 << chance.randrange(8)
-        path.write_bytes(damaged)
-        assert [(fault.path, fault.sound) for fault in faults(solved)] == [(f"{top}{SHARD}", False)]
+        for name in names:
+            damaged = bytearray((solved / name).read_bytes())
+            length = int.from_bytes(damaged[-8:-4], "little") + 8
+            damaged[-1 - chance.randrange(length)] ^= 1 << chance.randrange(8)
+            (solved / name).write_bytes(damaged)
+        found = {fault.path: fault.sound for fault in faults(solved)}
+        assert found == dict.fromkeys(names, False)
         repair(solved, workers=ONE)
         assert content(solved) == before
         assert faults(solved) == []
