@@ -56,21 +56,46 @@ PLANS = {
 }
 
 
-@pytest.fixture(scope="module", params=PLANS, ids=str)
-def simulated(request, tmp_path_factory):
-    """A plan, and what Basilisk makes of it: LVLH and inertial states by craft and node."""
-    plan = PLANS[request.param]()
-    script = tmp_path_factory.mktemp("basilisk") / "swarm.py"
-    masses = Masses.of(plan.scenario.n, np.linspace(5, 500, plan.scenario.n).tolist())
-    write_basilisk(plan, script, masses)
-    command = [sys.executable, "-W", "error", script.name]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=script.parent)
+EACH = """
+import os, runpy, sys
+import Basilisk.simulation.dragDynamicEffector, Basilisk.utilities.SimulationBaseClass
+for name in sys.argv[1:]:
+    if os.fork() == 0:
+        os.dup2(os.open(f"{name}.out", os.O_WRONLY | os.O_CREAT), 1)
+        sys.argv[:] = [name]
+        runpy.run_path(name, run_name="__main__")
+        sys.exit()
+    assert os.wait()[1] == 0, name
+"""
+"""Runs scripts, each in a process of its own, which has imported Basilisk already."""
+
+
+@pytest.fixture(scope="module")
+def plans(tmp_path_factory):
+    """Plans, each with the script that has been written for it and run."""
+    folder, found = tmp_path_factory.mktemp("basilisk"), {}
+    for k, (name, made) in enumerate(PLANS.items()):
+        plan, script = made(), folder / f"swarm{k}.py"
+        masses = Masses.of(plan.scenario.n, np.linspace(5, 500, plan.scenario.n).tolist())
+        write_basilisk(plan, script, masses)
+        found[name] = plan, script
+    command = [sys.executable, "-W", "error", "-c", EACH]
+    command += [script.name for _, script in found.values()]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
-    table = np.loadtxt(script.with_name("swarm.nodes.csv"), delimiter=",", skiprows=1)
+    return found
+
+
+@pytest.fixture(scope="module", params=PLANS, ids=str)
+def simulated(request, plans):
+    """A plan, and what Basilisk makes of it: LVLH and inertial states by craft and node."""
+    plan, script = plans[request.param]
+    table = np.loadtxt(script.with_suffix(".nodes.csv"), delimiter=",", skiprows=1)
     n, T = plan.scenario.n, plan.scenario.problem.nodes
     assert (table[:, 0] == np.repeat(np.arange(n), T)).all()
     assert table[:, 2] == pytest.approx(np.tile(plan.scenario.problem.time_step * np.arange(T), n))
-    return plan, table[:, 3:9].reshape(n, T, 6), table[:, 9:].reshape(n, T, 6), done.stdout
+    said = script.with_name(f"{script.name}.out").read_text()
+    return plan, table[:, 3:9].reshape(n, T, 6), table[:, 9:].reshape(n, T, 6), said
 
 
 def test_craft_are_where_fly_has_them(simulated):
