@@ -1,9 +1,6 @@
 """Training data that streams: every instance once, shuffled, in bounded memory."""
 
 import json
-import os
-import subprocess
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -199,19 +196,12 @@ for memory in map(float, sys.argv[2:]):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak in /proc")
-def test_the_memory_that_training_takes_is_bounded_by_what_it_is_given(tmp_path):
+def test_the_memory_that_training_takes_is_bounded_by_what_it_is_given(tmp_path, forked):
     one = Sample(count=5000, shares=(0.88, 0.12, 0.0), shard_rows=100)
     write_dataset(tmp_path, 10, one)
     size = 4400 * instance_bytes(10, Problem())
     assert size > 27e6
-    run = subprocess.run(
-        [sys.executable, "-c", TRAIN, str(tmp_path), "2e9", "15e6"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"},
-        check=False,
-    )
+    run = forked.run([str(tmp_path), "2e9", "15e6"], tmp_path, code=TRAIN)
     assert run.returncode == 0, run.stderr
     whole, bounded = map(int, run.stdout.split())
     assert whole > 2 * size
