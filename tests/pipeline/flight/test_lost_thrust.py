@@ -57,8 +57,9 @@ def by_exponentials(scenario, controls, craft, time):
     for k, held in enumerate(np.repeat(controls.swapaxes(0, 1), LOOKS, axis=0)):
         state = after(rate, step, states[-1], held)
         burning = min(max(time - k * step, 0.0), step)
-        mine = after(rate, burning, states[-1][craft], held[craft])
-        state[craft] = after(rate, step - burning, mine, np.zeros(3))
+        if burning < step:
+            mine = after(rate, burning, states[-1][craft], held[craft])
+            state[craft] = after(rate, step - burning, mine, np.zeros(3))
         states.append(state)
     return np.stack(states, axis=1)
 
