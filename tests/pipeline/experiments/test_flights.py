@@ -254,16 +254,18 @@ def test_references_begin_anywhere_on_orbits_as_large_or_as_low_as_the_problem_s
     radius, e = radius_at(PROBLEM.mean_motion), np.array([0.001, 0.01, 0.1, 0.5])
     sizes = radius / (1 - np.array([0, 0, 0.1, 0.5]))
     times = np.arange(64) / 64 * (2 * np.pi * np.sqrt(sizes**3 / MU_EARTH))[:, None]
+    orbits = [[world[name].orbit for name in ORBITS] for world in found]
     tracks = np.array(
-        [[w[name].orbit.states(at) for name, at in zip(ORBITS, times, strict=True)] for w in found]
+        [[o.states(at) for o, at in zip(some, times, strict=True)] for some in orbits[:8]]
     )
-    lengths = np.linalg.norm(tracks.reshape(24, 4, 64, 2, 3), axis=-1)
+    lengths = np.linalg.norm(tracks.reshape(8, 4, 64, 2, 3), axis=-1)
     position, velocity = lengths[..., 0], lengths[..., 1]
     # vis-viva: on average over a revolution as large as the circle, or with the perigee at its
     # height; wherever they are
     average = (1 / (2 / position - velocity**2 / MU_EARTH)).mean(axis=-1)
-    np.testing.assert_allclose(average, np.broadcast_to(sizes, (24, 4)), rtol=2e-4)
-    states, position = tracks[:, :, 0], position[..., 0]
+    np.testing.assert_allclose(average, np.broadcast_to(sizes, (8, 4)), rtol=2e-4)
+    states = np.array([[orbit.states(np.zeros(1))[0] for orbit in some] for some in orbits])
+    position = np.linalg.norm(states[..., :3], axis=-1)
     radial = position / sizes - 1
     assert (np.abs(radial) <= 1.01 * e + 2 * J2).all()
     assert (radial.min(axis=0) < -0.8 * e + 2 * J2).all()

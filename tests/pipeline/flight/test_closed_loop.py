@@ -173,10 +173,10 @@ def test_the_first_plan_with_a_margin_keeps_each_pair_so_many_deviations_apart(t
     states = fly(scenario.initial, loop.controls, problem)
     case = Case(problem.mean_motion, problem.time_step, problem.nodes, problem.collision_radius)
     errors = trials.Errors(0.05, 5e-4, 0.02)
-    nodes, _, made = trials.corrected(case, states, loop.controls, errors, 2000, 0)
+    nodes, _, made = trials.corrected(case, states, loop.controls, errors, 1000, 0)
     planned = trials.positions(case, states, loop.controls)
     flown = trials.positions(case, nodes.reshape(-1, 11, 6), made.reshape(-1, 10, 3))
-    flown, inside = flown.reshape(2000, scenario.n, -1, 3), slice(trials.PIECES, -trials.PIECES)
+    flown, inside = flown.reshape(1000, scenario.n, -1, 3), slice(trials.PIECES, -trials.PIECES)
     nearest = np.inf
     for i, j in combinations(range(scenario.n), 2):
         gap = (planned[i] - planned[j])[inside]
