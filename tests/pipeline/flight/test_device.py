@@ -48,7 +48,7 @@ def check_same(scenario, errors, trials):
 
 
 @pytest.mark.parametrize("family", ["rings", "dense", "rotation"])
-@pytest.mark.parametrize(("n", "trials"), [(10, 120), (30, 60)])
+@pytest.mark.parametrize(("n", "trials"), [(10, 60), (30, 20)])
 def test_on_a_device_trials_are_those_of_numpy(n, trials, family):
     check_same(draw(family, 0, n, 0, Problem(), "test"), LOSING, trials)
 

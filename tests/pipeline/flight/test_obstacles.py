@@ -142,7 +142,7 @@ def test_in_the_nonlinear_world_obstacles_move_as_craft_do_or_stay(kind, index):
 
 def test_a_plan_made_for_a_circle_comes_too_close_on_an_eccentric_orbit_and_that_is_said():
     found_safe = []
-    for index in (0, 1, 2, 4):
+    for index in (0, 1):
         plan = solve(swarm(index, **KINDS["a chief and debris"]))
         found = effects(plan.scenario, plan.controls, ROUGH)
         flown = integrated(plan.scenario, plan.controls, ROUGH)
