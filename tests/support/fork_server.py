@@ -32,20 +32,37 @@ LATE = (
     "cli.main",
     "alembic.command",
     "alembic.config",
+    "encodings.cp437",
     "git",
     "IPython.display",
     "matplotlib.pyplot",
     "matplotlib.backends.backend_svg",
+    "mlflow.models.display_utils",
     "mlflow.pyfunc.scoring_server",
+    "mlflow.pyfunc.utils.environment",
     "mlflow.store.model_registry.sqlalchemy_workspace_store",
     "mlflow.store.tracking.sqlalchemy_workspace_store",
-    "mlflow.tracing.export",
+    "mlflow.tracing.export.utils",
+    "mlflow.tracing.processor.base_mlflow",
     "mlflow.tracing.processor.otel",
-    "optuna",
+    "mlflow.tracing.utils.environment",
+    "mlflow.utils.search_logged_model_utils",
+    "optuna.storages._rdb.models",
+    "pandas.core.methods.to_dict",
+    "pandas.core.reshape.reshape",
+    "PIL.BmpImagePlugin",
+    "PIL.GifImagePlugin",
     "PIL.JpegImagePlugin",
+    "PIL.PpmImagePlugin",
+    "pyarrow.acero",
     "pyarrow.dataset",
+    "pipeline.dataset.card",
+    "pipeline.dataset.physics",
+    "pipeline.export",
     "pipeline.networks.feedforward",
+    "pipeline.networks.lstm",
     "pipeline.show",
+    "scipy.optimize",
     "sqlalchemy.dialects.sqlite",
     "tabulate",
     "torch._dynamo",
@@ -119,8 +136,9 @@ def command() -> Any:
 
 def do_first() -> None:
     """Do what is slow the first time in a process, and the same in all."""
+    import sqlalchemy.orm
     from mlflow.store.db import utils
-    from mlflow.utils import requirements_utils
+    from mlflow.utils import plugins, requirements_utils
     from typer.testing import CliRunner
 
     from registry.environment import EVALUATED_BY, TRAINED_BY, environment_tags
@@ -130,6 +148,8 @@ def do_first() -> None:
     command()
     utils._get_latest_schema_revision = cache(utils._get_latest_schema_revision)
     utils._get_latest_schema_revision()  # reads all of MLflow's migrations
+    sqlalchemy.orm.configure_mappers()  # looks at all tables and how they belong together
+    plugins.get_entry_points("")  # looks into every installed package
     requirements_utils._init_packages_to_modules_map()  # looks into every installed package
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         for arguments in FIRST:
