@@ -30,7 +30,7 @@ from pipeline.scenario.spacecraft import Spacecraft
 
 FOUR = draw("coplanar-split", 0, 4, 4, Problem(), "valid")
 SWARM = replace(FOUR, initial=FOUR.initial[:3], goal=FOUR.goal[:3])
-COARSE = replace(SWARM, problem=Problem(nodes=6, time_step=SWARM.problem.duration / 5))
+COARSE = replace(SWARM, problem=Problem(nodes=5, time_step=SWARM.problem.duration / 4))
 """For mixed-integer programs that are solved again and again, for a plan as flown."""
 ORBITS = 0.3
 RISK = RiskLimit(1e-2, navigation_sigma=0.2, thrust_sigma=0.01)
