@@ -6,6 +6,7 @@ By HiGHS and its dual, or, of thrusters of other kinds, by cvxpy.
 from dataclasses import dataclass
 from typing import Any
 
+import joblib
 import numpy as np
 from scipy.optimize import linear_sum_assignment, linprog
 from scipy.sparse import eye, kron
@@ -28,8 +29,20 @@ class Bound:
     attained: np.ndarray
 
 
+FOUND: dict[str, Bound] = {}
+"""What was found, by what was asked: the plans of many planners are between the same ends."""
+
+
 def least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
     """From states (n, 6) to states (n, 6), each craft on its own."""
+    kept = problem.rate, problem.step, problem.nodes, problem.limit, problem.thrusters
+    asked = str(joblib.hash((kept, initial, goal)))
+    if asked not in FOUND:
+        FOUND[asked] = _least_fuel(problem, initial, goal)
+    return FOUND[asked]
+
+
+def _least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
     free, forced = exact_step(problem.rate, problem.step)
     effects = [forced]
     for _ in range(problem.nodes - 2):
