@@ -143,7 +143,7 @@ def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(prolearn, plan, 
 
 @pytest.mark.system
 def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, forked, tmp_path):
-    asked = ["fly", "plan.json", "--trials", "55", "--replan", "every-node"]
+    asked = ["fly", "plan.json", "--trials", "51", "--replan", "every-node"]
     assert prolearn(*asked, "--out", "whole", "--jobs", "1").returncode == 0
     with (tmp_path / "said").open("w") as said:
         run = forked.start(LEAD, tmp_path, said, [*asked, "--out", "killed", "--jobs", "1"])
