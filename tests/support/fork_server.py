@@ -71,7 +71,9 @@ LATE = (
 FIRST = (
     ("scenario", "new", "swarm.json", "--from", "craft=3,size=150", "--to", "craft=3,size=100"),
     ("plan", "swarm.json", "--planner", "refiner", "--out", "plan.json"),
+    ("plan", "swarm.json", "--world", "--out", "flown.json"),
     ("fly", "plan.json"),
+    ("show", "plan.json"),
     ("sample", "--n", "3", "--count", "4", "--shares", "1,0,0", "--out", "data"),
     ("solve", "data", "--jobs", "1"),
 )
