@@ -3,6 +3,7 @@
 import base64
 import gzip
 import hashlib
+from functools import cache
 from pathlib import Path
 
 from jinja2.utils import htmlsafe_json_dumps
@@ -23,7 +24,7 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
     found = shown.plan.certificate
     by_kind = found.craft_delta_v, found.craft_delta_v_2norm, found.craft_delta_v_thrusters
     script = (HERE / "page.js").read_text(encoding="utf-8")
-    plotly = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
+    plotly, plotly_hash = _plotly()
     text = template("pipeline/show/page.html.jinja").render(
         name=name,
         planner=claimed.planner,
@@ -41,10 +42,10 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         least=min(data["radii"]),
         spacing=scenario.problem.time_step / steps_of(scenario.n, scenario.problem),
         motion=motion(shown.plan),
-        hashes=[_hash(script.encode()), _hash(plotly)],
+        hashes=[_hash(script.encode()), plotly_hash],
         data=htmlsafe_json_dumps(data, separators=(",", ":"), allow_nan=False),
         script=script,
-        plotly=base64.b64encode(gzip.compress(plotly, mtime=0)).decode(),
+        plotly=plotly,
         licence=(HERE / "vendor" / "LICENSE").read_text(encoding="utf-8"),
     )
     return text, shown
@@ -55,6 +56,13 @@ def write_page(path: Path, claimed: Plan, name: str) -> Rechecked:
     text, shown = page(claimed, name)
     write_text(path, text)
     return shown
+
+
+@cache
+def _plotly() -> tuple[str, str]:
+    """The library that draws, compressed, and its hash."""
+    script = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
+    return base64.b64encode(gzip.compress(script, mtime=0)).decode(), _hash(script)
 
 
 def _hash(script: bytes) -> str:
