@@ -11,12 +11,24 @@ from clusters import until
 from forked import Forked, Started
 
 SERVE = """
-import os
+import os, runpy, sys
+import mlflow.server
 from mlflow.cli import cli
+
+def run(command, extra_env, **_):
+    os.environ.update(extra_env)
+    for name in [*sys.modules]:
+        if name.startswith("mlflow.server"):
+            del sys.modules[name]
+    sys.argv = command[2:]
+    runpy.run_module(sys.argv[0], run_name="__main__")
+
 os.setsid()
+mlflow.server._exec_cmd = run
 cli()
 """
-"""MLflow's command, which leads the group of its worker processes."""
+"""MLflow's command, which leads its group, and whose server runs in it rather than in a fresh
+interpreter: there it is loaded anew, by what the environment says."""
 
 
 @contextmanager
