@@ -2,12 +2,14 @@
 
 import shutil
 import socket
+import sqlite3
 import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,9 +30,22 @@ from pipeline.parallel.workers import Workers
 from pipeline.scenario import draw
 from pipeline.training.loop import Epoch, Trained, train
 from registry.models import ModelVersion
+from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
+
+PLACES = {
+    "experiments": "artifact_location",
+    "runs": "artifact_uri",
+    "logged_models": "artifact_location",
+    "model_versions": "storage_location",
+}
+"""Columns of a store with the places of files, by table."""
+
+Once = Callable[[object, Callable[[], Any]], Any]
+Recorded = Callable[..., ModelVersion]
+"""`once` and `recorded`, as fixtures."""
 
 
 def examples(count: int, first: int) -> Examples:
@@ -85,6 +100,57 @@ def folder(tmp_path: Path, migrated: Path, monkeypatch: pytest.MonkeyPatch) -> P
     return here
 
 
+@pytest.fixture(scope="session")
+def kept() -> dict[object, tuple[Path, Path, Any]]:
+    """The folder that work filled, a copy of it, and the work's result, by what was done."""
+    return {}
+
+
+@pytest.fixture
+def once(
+    folder: Path,
+    kept: dict[object, tuple[Path, Path, Any]],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Once:
+    """Does the first work on a new store, or copies what the same work left for an earlier test.
+
+    To write one training takes MLflow and Matplotlib a quarter of a second.
+    """
+    from mlflow.tracking._tracking_service.utils import _artifact_repos_cache
+
+    def done(what: object, work: Callable[[], Any]) -> Any:
+        if (folder / "mlflow.db.lock").exists():  # no longer new
+            return work()
+        if what not in kept:
+            result, copy = work(), tmp_path_factory.mktemp("once") / "project"
+            kept[what] = folder, shutil.copytree(folder, copy), result
+            return result
+        before, copy, result = kept[what]
+        shutil.copytree(copy, folder, dirs_exist_ok=True)
+        with closing(sqlite3.connect(folder / "mlflow.db")) as database, database:
+            for table, place in PLACES.items():
+                change = f"UPDATE {table} SET {place} = replace({place}, ?, ?)"
+                database.execute(change, (before.as_uri(), folder.as_uri()))
+        _artifact_repos_cache.clear()  # MLflow's places of files by run, whatever the store
+        connect()  # as the work has
+        return result
+
+    return done
+
+
+@pytest.fixture
+def recorded(once: Once, recipe: Recipe) -> Recorded:
+    """Records a training by the tuned recipe and seed 0, or copies it where it was recorded."""
+
+    def record(trained: Trained, dataset: DatasetInfo, **more: Any) -> ModelVersion:
+        given = {"recipe": recipe, "seed": 0, "dataset": dataset, **more}
+        what = trained.model.architecture, trained.model.digest, repr(given)
+        version: ModelVersion = once(what, lambda: record_training(trained, **given))
+        return version
+
+    return record
+
+
 @pytest.fixture
 def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current folder without a store."""
@@ -110,16 +176,14 @@ def on_solved(solved: Path) -> DatasetInfo:
 
 
 @pytest.fixture
-def register(
-    folder: Path, solved: Path, recipe: Recipe
-) -> Callable[..., tuple[ModelVersion, Model]]:
+def register(recorded: Recorded, solved: Path) -> Callable[..., tuple[ModelVersion, Model]]:
     """Register a network with so much noise on its answers."""
 
     def one(scale: float, data: str = "") -> tuple[ModelVersion, Model]:
         model = network(scale)
         trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
         used = DatasetInfo(data or str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
-        return record_training(trained, recipe=recipe, seed=0, dataset=used), model
+        return recorded(trained, used), model
 
     return one
 

@@ -6,13 +6,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.metrics import add_model_results, model_metric_by_size
-from registry.models import resolve
+from registry.models import ModelVersion, resolve
 from registry.results import earlier_run, evaluation, latest, record
 from registry.store import EVALUATION, connect, recorded_run
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 TABLE = pd.DataFrame({"n": [1]})
 
@@ -33,7 +32,7 @@ record(EVALUATION, pd.DataFrame({"n": [2]}), params={"trials": 2})
 ADDS = """
 from pathlib import Path
 from registry.metrics import add_model_results
-from registry.models import resolve
+from registry.models import ModelVersion, resolve
 
 values = {0: {"exp1_flown_fuel": 0.5}, 10: {"exp2_flown_fuel": 0.25}}
 add_model_results(resolve("ff1"), values, Path("figures"), dataset=("data", "d1"))
@@ -56,11 +55,11 @@ def test_an_evaluation_just_made_counts_though_its_clock_is_behind(
 def test_an_evaluation_with_its_clock_behind_gives_the_model_its_newest_metrics(
     folder: Path,
     child: Callable[[str], int],
+    recorded: Callable[..., ModelVersion],
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
 ) -> None:
-    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    version = recorded(trained, dataset)
     (folder / "figures").mkdir()
     values = {0: {"exp1_flown_fuel": 1.0}, 10: {"exp2_flown_fuel": 2.0}}
     add_model_results(version, values, folder / "figures", dataset=("data", "d1"))

@@ -15,29 +15,27 @@ from pipeline.errors import InputError
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import Recipe
 from pipeline.networks.refiner import tensors
 from pipeline.networks.refiner.model import packaged
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
 from registry.models import list_versions
 from registry.results import experiment_run, table_of
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 CRAFT, ALONE = 3, Workers(jobs=1)
 
 
 def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
-    folder: Path,
+    recorded: Callable[..., object],
     trained: Trained,
     trained_lstm: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
     solved: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for one in (trained, trained_lstm):
-        record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+        recorded(one, on_solved)
     asked = Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
     add = job.add_to_model
 
@@ -60,22 +58,21 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     "asked", [Evaluation(trials=3, timed=1), TransferTimes(n=CRAFT, nodes="6", trials=3)]
 )
 def test_with_a_device_the_refiner_plans_there_and_has_the_rows_of_compiled_code(
-    folder: Path,
+    recorded: Callable[..., object],
     trained: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
     solved: Path,
     monkeypatch: pytest.MonkeyPatch,
     asked: Evaluation | TransferTimes,
 ) -> None:
-    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    recorded(trained, on_solved)
     run = job.evaluate if isinstance(asked, Evaluation) else job.transfer_times
     here, there = (replace(asked, data=str(solved), device=name) for name in (None, "cpu"))
     with pytest.raises(InputError, match="device is cpu and no refiner is among the models"):
         run(there, workers=ALONE)  # type: ignore[arg-type]
 
     given = packaged_weights(trained.model.encoding)
-    record_training(replace(trained, model=given), recipe=recipe, seed=0, dataset=on_solved)
+    recorded(replace(trained, model=given), on_solved)
     planned, numbers = [], []
     monkeypatch.setattr(tensors, "planned_on", spied(tensors.planned_on, planned))
     for one in (here, there):

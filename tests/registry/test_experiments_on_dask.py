@@ -9,12 +9,11 @@ from clusters import Cluster, kill
 
 from cli.jobs.experiments import evaluate, flights, transfer_times
 from cli.settings import Evaluation, Flights, TransferTimes
-from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.results import Recorded, experiment_run, table_of
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 pytestmark = pytest.mark.system
 
@@ -32,14 +31,13 @@ class AfterOne(Progress):
 
 
 def test_a_cluster_that_loses_a_worker_gives_the_rows_of_this_machine(
-    folder: Path,
+    recorded: Callable[..., object],
     solved: Path,
     trained_lstm: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
     cluster: Cluster,
 ) -> None:
-    record_training(trained_lstm, recipe=recipe, seed=0, dataset=on_solved)
+    recorded(trained_lstm, on_solved)
     cluster.start_workers()
     cluster.await_workers()
     there, data = Workers(scheduler=cluster.address), str(solved)

@@ -1,5 +1,6 @@
 """How a refiner is exported, with files that another test makes: tracing them takes a while."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +12,13 @@ from typer.testing import CliRunner
 from cli.main import app
 from pipeline.networks.architecture import find
 from pipeline.networks.model import Model
-from pipeline.networks.recipes import Recipe
 from pipeline.networks.refiner.model import packaged
 from pipeline.networks.refiner.on_board import STEPS, outputs, told_each_round
 from pipeline.networks.refiner.on_board_export import ExportedCraft
 from pipeline.training.loop import Trained
 from registry.models import resolve
 from registry.store import connect
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 
 @pytest.fixture
@@ -39,16 +39,18 @@ def exported(monkeypatch: pytest.MonkeyPatch) -> list[Model]:
 
 @pytest.fixture
 def refiner(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo, exported: list[Model]
+    folder: Path,
+    recorded: Callable[..., object],
+    trained: Trained,
+    dataset: DatasetInfo,
+    exported: list[Model],
 ) -> Path:
     """The current folder, with a registered refiner whose files need no tracing."""
     architecture = find("refiner")
     torch.manual_seed(0)
     network = architecture.network(architecture.config, trained.model.encoding, 0.0)
     given = (architecture.config, "tuned", trained.model.encoding, network)
-    record_training(
-        replace(trained, model=Model("refiner", *given)), recipe=recipe, seed=0, dataset=dataset
-    )
+    recorded(replace(trained, model=Model("refiner", *given)), dataset)
     return folder
 
 

@@ -1,5 +1,6 @@
 """Experiment 5 with registered networks, on the test split of a small dataset."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +43,19 @@ class Counts(Progress):
 
 @pytest.fixture
 def registered(
-    folder: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo
+    once: Callable[..., object],
+    trained: Trained,
+    trained_lstm: Trained,
+    recipe: Recipe,
+    on_solved: DatasetInfo,
 ) -> None:
     """A feed-forward network and an LSTM, and no refiner."""
-    for one in (trained, trained_lstm):
-        record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+
+    def record() -> None:
+        for one in (trained, trained_lstm):
+            record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+
+    once("ff1 and lstm1", record)
 
 
 def test_a_network_that_was_named_is_made_safe_and_flies_beside_expert_and_baselines(

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
@@ -44,16 +45,31 @@ class Written:
         return shown.replace("![i](/etc/passwd)", self.text.partition(" ")[0])
 
 
+@pytest.fixture(scope="module")
+def secret(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("secret") / "secret.svg"
+    path.write_text("what nobody else may read")
+    return path
+
+
 @pytest.fixture
 def written(
-    folder: Path, tmp_path: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    once: Callable[..., Written],
+    folder: Path,
+    secret: Path,
+    trained: Trained,
+    recipe: Recipe,
+    dataset: DatasetInfo,
 ) -> Written:
     """A store with a model, an evaluation and transfer times, by somebody who means no good."""
-    (tmp_path / "secret.svg").write_text("what nobody else may read")
-    text = HOSTILE.replace("/etc/passwd", str(tmp_path / "secret.svg"))
+    text = HOSTILE.replace("/etc/passwd", str(secret))
     data = DatasetInfo(text, dataset.digest, 20, 5)
+    return once(text, lambda: write(text, folder, trained, recipe, data))
+
+
+def write(text: str, folder: Path, trained: Trained, recipe: Recipe, data: DatasetInfo) -> Written:
     version = record_training(trained, recipe=recipe, seed=0, dataset=data)
-    same = {"dataset_digest": dataset.digest, "models": version.uri, "data": text}
+    same = {"dataset_digest": data.digest, "models": version.uri, "data": text}
     files = folder / "files"
     files.mkdir()
     write_example(example(text), files / "0.npz")

@@ -1,6 +1,7 @@
 import json
 import pickle
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,20 @@ from pipeline.training.loop import Trained
 from registry.metrics import training_tables
 from registry.models import ModelVersion, list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 
 class Project:
     """A folder with a store, and a network to register in it as often as a test likes."""
 
-    def __init__(self, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> None:
-        self.trained, self.recipe, self.dataset = trained, recipe, dataset
+    def __init__(
+        self,
+        recorded: Callable[..., ModelVersion],
+        trained: Trained,
+        recipe: Recipe,
+        dataset: DatasetInfo,
+    ) -> None:
+        self.recorded, self.trained, self.recipe, self.dataset = recorded, trained, recipe, dataset
 
     def train(
         self,
@@ -38,18 +45,20 @@ class Project:
         data: DatasetInfo | None = None,
         **changes: Any,
     ) -> ModelVersion:
-        return record_training(
+        return self.recorded(
             self.trained,
+            data or self.dataset,
             recipe=replace(self.recipe, name=recipe, **changes),
             seed=seed,
-            dataset=data or self.dataset,
             metrics={"valid_position_rmse": rmse},
         )
 
 
 @pytest.fixture
-def project(folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> Project:
-    return Project(trained, recipe, dataset)
+def project(
+    recorded: Callable[..., ModelVersion], trained: Trained, recipe: Recipe, dataset: DatasetInfo
+) -> Project:
+    return Project(recorded, trained, recipe, dataset)
 
 
 def swarm(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -177,31 +186,27 @@ def test_a_model_is_found_by_every_name_it_has(project: Project) -> None:
     assert resolve("ff1/2") == second == list_versions()[1]
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["lstm9", "ff1:best", "ff1/8", "ff1/two", "ff1@crown", "models:/m-0123456789abcdef", "m-1"],
-)
-def test_an_unknown_model_gives_a_sentence_with_those_there_are(
-    project: Project, name: str
-) -> None:
+def test_an_unknown_model_gives_a_sentence_with_those_there_are(project: Project) -> None:
     project.train(1.0)
-    with pytest.raises(InputError, match=r"prolearn-ff1/1 \(tuned, champion\).*prolearn train"):
-        resolve(name)
+    numbered = ("models:/m-0123456789abcdef", "m-1")
+    for name in ("lstm9", "ff1:best", "ff1/8", "ff1/two", "ff1@crown", *numbered):
+        there = r"prolearn-ff1/1 \(tuned, champion\).*prolearn train"
+        with pytest.raises(InputError, match=f"There is no model {name!r} .*{there}"):
+            resolve(name)
 
 
-@pytest.mark.parametrize("name", ["ff1", "models:/prolearn-ff1", "ff1@champion"])
-def test_a_model_whose_champion_was_deleted_is_told_how_it_gets_another(
-    project: Project, name: str
-) -> None:
+def test_a_model_whose_champion_was_deleted_is_told_how_it_gets_another(project: Project) -> None:
+    names = ("ff1", "models:/prolearn-ff1", "ff1@champion")
     for _ in range(3):
         project.train(1.0)
     connect().client.delete_model_version("prolearn-ff1", "1")
     advice = "prolearn models promote prolearn-ff1 --version"
-    with pytest.raises(InputError, match=rf"ff1 has no champion; .*\(2, 3\).*`{advice} V`\.$"):
-        resolve(name)
+    for name in names:
+        with pytest.raises(InputError, match=rf"ff1 has no champion; .*\(2, 3\).*`{advice} V`\.$"):
+            resolve(name)
     done = CliRunner().invoke(app, [*advice.split()[1:], "3"])
     assert done.exit_code == 0, done.output
-    assert resolve(name).version == 3
+    assert [resolve(name).version for name in names] == [3, 3, 3]
 
 
 def test_versions_keep_their_runs_where_the_experiment_is_renamed_or_a_run_deleted(
@@ -224,19 +229,18 @@ def test_what_is_no_name_at_all_is_refused_with_the_forms(folder: Path, name: st
         resolve(name)
 
 
-@pytest.mark.parametrize("n", [1, 10, 31, 100])
 def test_mlflow_alone_loads_a_model_and_predicts_for_any_n(
-    project: Project, n: int, monkeypatch: pytest.MonkeyPatch
+    project: Project, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     version = project.train(1.0)
     monkeypatch.setenv("MLFLOW_ALLOW_PICKLE_DESERIALIZATION", "false")
 
     loaded = mlflow.pyfunc.load_model(version.uri)
-    initial, goal = swarm(n)
-    states = loaded.predict({"initial": initial, "goal": goal})
-
-    assert states.shape == (2, n, 6, 6)
-    np.testing.assert_array_equal(states, project.trained.model.predict(initial, goal))
+    for n in (1, 10, 31, 100):
+        initial, goal = swarm(n)
+        states = loaded.predict({"initial": initial, "goal": goal})
+        assert states.shape == (2, n, 6, 6)
+        np.testing.assert_array_equal(states, project.trained.model.predict(initial, goal))
 
 
 @pytest.mark.parametrize(("name", "value"), [("initial", np.nan), ("goal", np.inf)])
@@ -412,10 +416,17 @@ def test_trainings_with_other_seeds_stand_side_by_side(
 
 @pytest.mark.parametrize("change", ["data", "recipe"])
 def test_trainings_that_differ_in_more_than_their_seed_are_never_averaged(
-    project: Project, solved: Path, on_solved: DatasetInfo, change: str
+    once: Callable[..., object],
+    project: Project,
+    solved: Path,
+    on_solved: DatasetInfo,
+    change: str,
 ) -> None:
-    for seed in (0, 1, 2):
-        project.train(2.0, seed=seed, data=on_solved)
+    def train() -> None:
+        for seed in (0, 1, 2):
+            project.train(2.0, seed=seed, data=on_solved)
+
+    once("three seeds", train)
     if change == "data":
         project.train(2.0, seed=0)
     else:

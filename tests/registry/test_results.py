@@ -15,7 +15,7 @@ from cli.jobs.report import report
 from cli.settings import Evaluation, TransferTimes
 from pipeline.errors import InputError
 from pipeline.flight.montecarlo import MADE_BY
-from pipeline.networks.recipes import Recipe, architecture_names
+from pipeline.networks.recipes import architecture_names
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy
@@ -33,7 +33,7 @@ from registry.results import (
     unfinished_parts,
 )
 from registry.store import EVALUATION, WARMSTART, connect, recorded_run
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 TRIALS = pd.DataFrame(
     {
@@ -70,9 +70,9 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
 
 
 def test_runs_of_an_experiment_are_told_apart_by_name(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    recorded: Callable[..., ModelVersion], trained: Trained, dataset: DatasetInfo
 ) -> None:
-    of = [record_training(trained, recipe=recipe, seed=k, dataset=dataset).run_id for k in range(2)]
+    of = [recorded(trained, dataset, seed=k).run_id for k in range(2)]
     of += [record(WARMSTART, TRIALS, params={"optimizer": name}) for name in ("expert", "plain")]
     of.append(record(EVALUATION, TRIALS, params={}))
     assert [connect().client.get_run(run_id).info.run_name for run_id in of] == [
@@ -114,13 +114,13 @@ def test_arrays_of_a_run_are_fetched(folder: Path, tmp_path: Path) -> None:
 
 
 def test_more_parameters_and_metrics_than_one_request_takes_all_arrive(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, recorded: Callable[..., ModelVersion], trained: Trained, dataset: DatasetInfo
 ) -> None:
     params = {f"p{k}": k for k in range(230)}
     metrics = {f"m{k}": float(k) for k in range(1200)}
     record(EVALUATION, TRIALS, params=params)
     assert latest(EVALUATION).params == {k: str(v) for k, v in params.items()}
-    add(record_training(trained, recipe=recipe, seed=0, dataset=dataset), folder, metrics)
+    add(recorded(trained, dataset), folder, metrics)
     assert resolve("ff1").metrics.items() >= metrics.items()
 
 
@@ -131,9 +131,9 @@ def add(version: ModelVersion, folder: Path, metrics: dict[str, float], step: in
 
 
 def test_an_evaluation_adds_its_metrics_to_the_models_own_run(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, recorded: Callable[..., ModelVersion], trained: Trained, dataset: DatasetInfo
 ) -> None:
-    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    version = recorded(trained, dataset)
     add(version, folder, {"n10_flown_node_collisions_mean": 1.5, "n10_flown_fuel_mean": 2.0})
     add(version, folder, {"n10_flown_node_collisions_mean": 0.5})
 
@@ -145,9 +145,9 @@ def test_an_evaluation_adds_its_metrics_to_the_models_own_run(
 
 
 def test_metrics_by_swarm_size_become_a_curve_over_n(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, recorded: Callable[..., ModelVersion], trained: Trained, dataset: DatasetInfo
 ) -> None:
-    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    version = recorded(trained, dataset)
     for n, fuel in ((2, 0.01), (10, 0.05), (30, 0.15)):
         add(version, folder, {"exp2_flown_fuel_mean": fuel}, step=n)
     curve = connect().client.get_metric_history(version.run_id, "exp2_flown_fuel_mean")

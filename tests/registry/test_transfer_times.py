@@ -1,6 +1,7 @@
 """Experiment 4 with registered networks, on the test split of a small dataset."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,11 +40,19 @@ class Notes(Progress):
 
 @pytest.fixture
 def registered(
-    folder: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo
+    once: Callable[..., object],
+    trained: Trained,
+    trained_lstm: Trained,
+    recipe: Recipe,
+    on_solved: DatasetInfo,
 ) -> None:
     """A feed-forward network and an LSTM."""
-    for one in (trained, trained_lstm):
-        record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+
+    def record() -> None:
+        for one in (trained, trained_lstm):
+            record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+
+    once("ff1 and lstm1", record)
 
 
 def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(

@@ -1,5 +1,6 @@
 """Experiment 3 with a registered network, with either optimizer."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,19 +9,18 @@ import pytest
 from cli.jobs.experiments import warmstart
 from cli.settings import WarmStarts
 from pipeline.errors import InputError
-from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.results import Recorded, latest, table_of
 from registry.store import WARMSTART
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 CRAFT = 3
 
 
 @pytest.fixture
-def registered(folder: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo) -> None:
+def registered(recorded: Callable[..., object], trained: Trained, on_solved: DatasetInfo) -> None:
     """A feed-forward network."""
-    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    recorded(trained, on_solved)
 
 
 def test_each_optimizer_has_runs_of_its_own_that_a_resume_finds(
