@@ -1,5 +1,6 @@
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,9 +57,9 @@ def assert_answers_like(path: Path, model: Model, n: int) -> None:
 
 
 @pytest.fixture
-def ff1(folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo) -> Model:
+def ff1(recorded: Callable[..., object], trained: Trained, dataset: DatasetInfo) -> Model:
     """A registered network for three craft."""
-    record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    recorded(trained, dataset)
     return trained.model
 
 
@@ -81,18 +82,14 @@ def test_an_lstm_becomes_one_file_for_any_number_of_craft(
     assert {p.name for p in folder.glob("prolearn-*")} == {path.name, f"{path.name}.md"}
 
 
-def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_any_one_size_by_request(
+def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_its_card_says_no_measurements(
     folder: Path, ff1: Model
 ) -> None:
-    assert "for n = 1 to 3" in export("ff1", "--out", "small.onnx")
-    card = (folder / "small.onnx.md").read_text(encoding="utf-8")
-    assert "not measured" in card and "apart. Check" in card
+    assert "for n = 1 to 3" in export("ff1/1", "--out", "small.onnx")
     for n in (1, 2, 3):
         assert_answers_like(folder / "small.onnx", ff1, n)
-
-    assert "for n = 12." in export("ff1/1", "--n", "12", "--out", "twelve.onnx")
-    assert_answers_like(folder / "twelve.onnx", ff1, 12)
-    assert session(folder / "twelve.onnx").get_inputs()[0].shape == ["batch", 12, 6]
+    card = (folder / "small.onnx.md").read_text(encoding="utf-8")
+    assert "not measured" in card and "apart. Check" in card
 
 
 def test_a_feed_forward_file_of_a_training_on_single_craft_is_for_one_craft(
@@ -107,18 +104,20 @@ def test_a_feed_forward_file_of_a_training_on_single_craft_is_for_one_craft(
     assert_answers_like(folder / "one.onnx", made.model, 1)
 
 
-def test_several_models_go_into_a_folder_under_their_own_names(
+def test_several_models_go_into_a_folder_under_their_own_names_for_any_one_size_by_request(
     folder: Path, ff1: Model, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
     record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
-    said = export("ff1", "lstm1", "--n", "3", "--out", "onboard/new")
+    said = export("ff1", "lstm1", "--n", "12", "--out", "onboard/new")
 
     names = ["prolearn-ff1-v1.onnx", "prolearn-lstm1-v1.onnx"]
     wanted = {name + end for name in names for end in ("", ".md")}
     assert {path.name for path in (folder / "onboard" / "new").iterdir()} == wanted
     for name, model in zip(names, (ff1, trained_lstm.model), strict=True):
-        assert_answers_like(folder / "onboard" / "new" / name, model, 3)
+        assert_answers_like(folder / "onboard" / "new" / name, model, 12)
+        assert session(folder / "onboard" / "new" / name).get_inputs()[0].shape == ["batch", 12, 6]
         assert f"{name}:" in said
+    assert said.count("for n = 12.") == 2
     assert "exporting: 2/2" in said
 
 
