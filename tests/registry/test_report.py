@@ -2,6 +2,8 @@
 
 import json
 import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
-from registry.models import list_versions
+from registry.models import ModelVersion, list_versions
 from registry.store import connect, opened, recorded_run
 from registry.training import DatasetInfo, record_training
 
@@ -74,6 +76,27 @@ def experiments(
     return {name: outcome.run_id for name, outcome in runs.items()}
 
 
+@pytest.fixture(scope="module")
+def newest(place: tuple[Path, dict[str, str]]) -> Path:
+    """The folder of a report of the newest evaluation, made once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place[0])
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        return report(place[0] / "newest").markdown.parent
+
+
+@contextmanager
+def other_versions(changes: dict[str, dict[str, str]]) -> Iterator[None]:
+    """Runs say for the block that they were made with other versions, by run id."""
+    client = connect().client
+    usual = {run: client.get_run(run).data.tags["made_with"] for run in changes}
+    for run, tag in usual.items():
+        client.set_tag(run, "made_with", json.dumps(json.loads(tag) | changes[run]))
+    yield
+    for run, tag in usual.items():
+        client.set_tag(run, "made_with", tag)
+
+
 def made(out: Path) -> tuple[str, "pd.Series[str]", pd.DataFrame]:
     """The text, the runs by part, and the table of the trainings."""
     tables = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("provenance", "training"))
@@ -85,9 +108,10 @@ def made(out: Path) -> tuple[str, "pd.Series[str]", pd.DataFrame]:
 def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
     done: dict[str, str],
 ) -> None:
-    said = CliRunner().invoke(
-        app, ["report", "--out", "earlier", "--evaluation", done["evaluation"]]
-    )
+    with other_versions({done["evaluation"]: {"theirs:networks": "1.2+code.a"}}):
+        said = CliRunner().invoke(
+            app, ["report", "--out", "earlier", "--evaluation", done["evaluation"]]
+        )
     assert said.exit_code == 0, said.output
     text, runs, training = made(Path("earlier"))
     assert dict(runs.iloc[:4]) == {
@@ -100,6 +124,7 @@ def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
     assert list(training["arch"]) == ["ff1"]
     assert "is left out" not in text
     assert "LSTM1" not in text
+    assert "was made with" not in text  # what one run alone has decides nothing in the others
 
 
 def test_a_report_goes_into_no_datasets_folder(solved: Path) -> None:
@@ -123,9 +148,8 @@ def test_a_report_for_where_none_can_be_written_is_refused_before_anything_is_re
         report(Path(out), "0" * 32)  # no such evaluation: it is not looked for
 
 
-def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str]) -> None:
-    report(Path("newest"))
-    text, runs, training = made(Path("newest"))
+def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str], newest: Path) -> None:
+    text, runs, training = made(newest)
     assert runs["Experiments 1 and 2, examples"] == done["later evaluation"]
     assert runs["Experiment 4"] == done["later times"]
     assert not any("Experiment 3" in part for part in runs.index)
@@ -138,45 +162,31 @@ def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str]) -> N
 
 
 def test_what_was_made_with_other_versions_is_said(done: dict[str, str]) -> None:
-    client = connect().client
-    usual = client.get_run(done["times"]).data.tags["made_with"]
-    client.set_tag(done["times"], "made_with", json.dumps(json.loads(usual) | {"torch": "1.0"}))
-    report(Path("other"), done["evaluation"])
-    client.set_tag(done["times"], "made_with", usual)
-    assert "Experiment 4 was made with torch 1.0, the evaluation with 2" in made(Path("other"))[0]
-
-
-def test_code_of_an_architecture_differs_where_both_runs_have_it(done: dict[str, str]) -> None:
-    client, pair = connect().client, (done["evaluation"], done["times"])
-    usual = [client.get_run(run).data.tags["made_with"] for run in pair]
-
-    def said(*versions: str) -> str:
-        for run, tag, version in zip(pair, usual, versions, strict=False):
-            own = json.loads(tag) | {"theirs:networks": version}
-            client.set_tag(run, "made_with", json.dumps(own))
-        report(Path("theirs"), done["evaluation"])
-        for run, tag in zip(pair, usual, strict=True):
-            client.set_tag(run, "made_with", tag)
-        return made(Path("theirs"))[0]
-
-    assert "was made with" not in said("1.2+code.a")
-    text = said("1.2+code.a", "1.2+code.b")
-    assert "made with theirs:networks 1.2+code.b, the evaluation with 1.2+code.a." in text
+    changes = {
+        done["evaluation"]: {"theirs:networks": "1.2+code.a"},
+        done["plain"]: {"theirs:networks": "1.2+code.b"},
+        done["times"]: {"torch": "1.0"},
+    }
+    with other_versions(changes):
+        report(Path("other"), done["evaluation"])
+    text, *_ = made(Path("other"))
+    assert "Experiment 4 was made with torch 1.0, the evaluation with 2" in text
+    theirs = "made with theirs:networks 1.2+code.b, the evaluation with 1.2+code.a."
+    assert f"Experiment 3, plain was {theirs}" in text
 
 
 def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(
-    folder: Path, solved: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
+    done: dict[str, str], newest: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
 ) -> None:
     """Runs of `make ablate` and refiners by its recipes, which are no more."""
-    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
-    evaluate(Evaluation(data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0), workers=Workers(1))
-    before = report(folder / "before").markdown.read_bytes()
     gone = "prolearn-ablations"
     with opened(gone) as store, recorded_run(store, gone, "ablations", {}):
         pass
     record_training(trained, recipe=replace(recipe, name="no-third"), seed=0, dataset=on_solved)
-    assert report(folder / "after").markdown.read_bytes() == before
-    assert [version.recipe for version in list_versions()] == ["tuned", "no-third"]
+    after = report(Path("after")).markdown
+    assert after.read_bytes() == (newest / "report.md").read_bytes()
+    named = [(version.arch, version.recipe) for version in list_versions()]
+    assert named == [("ff1", "tuned"), ("ff1", "no-third"), ("lstm1", "tuned")]
 
 
 @pytest.mark.parametrize(
@@ -186,13 +196,12 @@ def test_trainings_keep_the_names_of_the_evaluation_where_one_of_them_was_delete
     seeds: tuple[int, int],
     removed: str,
     names: set[str],
-    folder: Path,
+    recorded: Callable[..., ModelVersion],
     solved: Path,
     trained: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
 ) -> None:
-    first, _ = (record_training(trained, recipe=recipe, seed=k, dataset=on_solved) for k in seeds)
+    first, _ = (recorded(trained, on_solved, seed=k) for k in seeds)
     asked = Evaluation(models="ff1/1,ff1/2", data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
     evaluate(asked, workers=Workers(1))
     client = connect().client
