@@ -14,7 +14,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.example_transfer import read_example, write_example
 from pipeline.figures.transfer import Example
 from pipeline.progress import Progress
-from registry.results import arrays_of, earlier_run, evaluation, record, table_of
+from registry.results import Run, arrays_of, earlier_run, evaluation, record, table_of
 from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART, connect
 
 TRIALS = pd.DataFrame(one_size(10))
@@ -66,8 +66,7 @@ def flips(content: bytes, count: int) -> list[bytes]:
     return damaged
 
 
-def read(run_id: str) -> tuple[pd.DataFrame, list[Example]]:
-    found = evaluation(run_id)
+def read(found: Run) -> tuple[pd.DataFrame, list[Example]]:
     with arrays_of(found) as paths:
         return table_of(found), [read_example(path) for path in paths]
 
@@ -76,14 +75,15 @@ def read(run_id: str) -> tuple[pd.DataFrame, list[Example]]:
 def test_a_flipped_bit_or_a_missing_end_is_found_by_the_digest_that_the_run_has(
     folder: Path, run: str, name: str
 ) -> None:
-    path, before = artifact(folder, run, name), read(run)[0]
+    path, found = artifact(folder, run, name), evaluation(run)
+    before = read(found)[0]
     content = path.read_bytes()
     for damaged in [*flips(content, 10), content[:-1], content[: len(content) // 2], b""]:
         path.write_bytes(damaged)
         with pytest.raises(InputError, match=rf"{name} of run {run} .*SHA-256 .*run the exp"):
-            read(run)
+            read(found)
     path.write_bytes(content)
-    pd.testing.assert_frame_equal(read(run)[0], before)
+    pd.testing.assert_frame_equal(read(found)[0], before)
 
 
 @pytest.mark.parametrize("name", ["table.parquet", "example.npz"])
@@ -91,14 +91,15 @@ def test_damage_to_a_run_of_an_earlier_version_is_no_more_than_a_sentence(
     folder: Path, run: str, name: str
 ) -> None:
     forget(run)
-    assert len(read(run)[1]) == 1
+    found = evaluation(run)
+    assert len(read(found)[1]) == 1
     path = artifact(folder, run, name)
     content = path.read_bytes()
     refused = 0
     for damaged in [*flips(content, 15), content[:-1], content[: len(content) // 2], b""]:
         path.write_bytes(damaged)
         try:
-            read(run)
+            read(found)
         except InputError:
             refused += 1
     assert refused > 5

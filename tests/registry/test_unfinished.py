@@ -1,6 +1,7 @@
 """Experiments killed (-9) half way: the parts that were done are used by the next run."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,11 @@ import pytest
 from cli.jobs import experiments
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.errors import InputError
-from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
 from registry.results import experiment_run, table_of
-from registry.training import DatasetInfo, record_training
+from registry.training import DatasetInfo
 
 pytestmark = pytest.mark.system
 
@@ -58,8 +58,10 @@ class Counts(Progress):
 
 
 @pytest.fixture
-def registered(folder: Path, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo) -> None:
-    record_training(trained_lstm, recipe=recipe, seed=0, dataset=on_solved)
+def registered(
+    recorded: Callable[..., object], trained_lstm: Trained, on_solved: DatasetInfo
+) -> None:
+    recorded(trained_lstm, on_solved)
 
 
 def kill(
@@ -118,9 +120,9 @@ def test_what_was_done_before_a_kill_is_not_done_again(
 
 
 def test_parts_that_are_damaged_or_of_other_settings_or_not_asked_for_are_done_again(
-    registered: None, solved: Path, child: Callable[[str], int]
+    solved: Path, child: Callable[[str], int]
 ) -> None:
-    asked = Evaluation(data=str(solved), timed=0, **TWO)
+    asked = Evaluation(data=str(solved), timed=0, trials=2)
     first, _ = kill(child, "evaluate", asked, 1)
     content = bytearray(first.read_bytes())
     content[len(content) // 2] ^= 1
@@ -131,7 +133,7 @@ def test_parts_that_are_damaged_or_of_other_settings_or_not_asked_for_are_done_a
         experiments.evaluate(settings, workers=Workers(jobs=1), resume=resume, progress=told)
         return told
 
-    fewer = Evaluation(data=str(solved), timed=0, **(TWO | {"trials": 1}))
+    fewer = replace(asked, trials=1)
     assert counted(fewer, resume=True).kept == 0
     assert counted(asked, resume=True).kept == 1
     kill(child, "evaluate", asked, 1)
@@ -139,9 +141,9 @@ def test_parts_that_are_damaged_or_of_other_settings_or_not_asked_for_are_done_a
 
 
 def test_the_same_experiment_twice_at_once_is_refused_and_leaves_the_first_alone(
-    registered: None, solved: Path
+    folder: Path, solved: Path
 ) -> None:
-    asked = Evaluation(data=str(solved), timed=0, **TWO)
+    asked = Evaluation(data=str(solved), timed=0, trials=2)
 
     class Again(Counts):
         def done(self, units: int = 1, note: str = "", *, failed: int | None = None) -> None:
