@@ -26,7 +26,7 @@ from pipeline.tradeoff import Point, knee_of, tradeoff_figure
 from prolearn.planning import MonteCarlo
 
 STEPS = 24  # points drawn in each interval
-HEIGHT = 980  # of a page in a notebook, pixels: 700 wide, its bar covers nothing of the motion
+HEIGHT = 1040  # of a page in a notebook, pixels: 700 wide, its bar covers nothing of the motion
 DPI = 120  # of a figure in a notebook
 
 

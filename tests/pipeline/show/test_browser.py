@@ -170,7 +170,8 @@ def test_the_slider_and_play_move_thirty_craft_to_where_they_are(browser, opened
 
 
 def test_in_a_notebook_of_the_docs_the_bar_covers_nothing_of_the_motion(browser, opened):
-    opened(solve(draw("rings", 0, 6, 0, Problem())), width=700, height=HEIGHT)
+    swarm, craft = draw("rings", 0, 6, 0, Problem()), [Spacecraft(radius=2.0 + k) for k in range(6)]
+    opened(solve(replace(swarm, craft=tuple(craft))), width=700, height=HEIGHT)
     edge = "return document.querySelector(arguments[0]).getBoundingClientRect()[arguments[1]]"
     note, bar, below = (
         browser.execute_script(edge, *of)
