@@ -27,7 +27,7 @@ FLAGS = (
     *("--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
     # WebGL without a graphics card
-    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"),
 )
 PATIENCE = 120  # s
 
