@@ -32,7 +32,7 @@ record(EVALUATION, pd.DataFrame({"n": [2]}), params={"trials": 2})
 ADDS = """
 from pathlib import Path
 from registry.metrics import add_model_results
-from registry.models import ModelVersion, resolve
+from registry.models import resolve
 
 values = {0: {"exp1_flown_fuel": 0.5}, 10: {"exp2_flown_fuel": 0.25}}
 add_model_results(resolve("ff1"), values, Path("figures"), dataset=("data", "d1"))

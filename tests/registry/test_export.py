@@ -19,7 +19,6 @@ from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import traced
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.dynamics import cw_matrices
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import straight_line
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained, train
@@ -28,8 +27,6 @@ from registry.models import resolve
 from registry.training import DatasetInfo, record_training
 
 pytestmark = pytest.mark.usefixtures("known_operators")
-
-SCENARIO = draw("dense", 0, 6, 1, Problem(), "valid")
 
 
 def export(*arguments: str) -> str:
