@@ -17,7 +17,7 @@ from pipeline.errors import InputError, check_choice, check_whole, is_number
 from pipeline.figures import style
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan import INFEASIBLE, SOLVED, Plan
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import Planner, plans_of
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
@@ -115,7 +115,7 @@ def tradeoff(
     progress.expect(len(arcs))
     points = []
     for number in arcs:
-        (plan,) = planner.plan([with_arcs(scenario, number, goal)])
+        (plan,) = plans_of(planner, [with_arcs(scenario, number, goal)])
         points.append(Point(plan))
         progress.done()
     return points

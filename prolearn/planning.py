@@ -24,7 +24,7 @@ from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
 from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, SeparationKind
 from pipeline.planners.as_flown import AsFlown
-from pipeline.planners.planner import Planner
+from pipeline.planners.planner import Planner, plans_of
 from pipeline.scenario import Scenario
 from pipeline.scenario import check as refuse_formations
 from pipeline.scenario.scenario import FURTHEST
@@ -77,7 +77,7 @@ def plan(
             f"the planner {chosen.name} is given with options, and has its own of these; expected "
             "a planner's name with options, or the planner alone."
         )
-    return _plans(AsFlown(chosen) if world else chosen, [scenario])[0]
+    return plans_of(AsFlown(chosen) if world else chosen, [scenario])[0]
 
 
 def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -> list[Plan]:
@@ -90,19 +90,7 @@ def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -
     check_each("scenarios", scenarios, Scenario)
     for one in scenarios:
         refuse_formations(one)
-    return _plans(_planner_from(planner), scenarios)
-
-
-def _plans(planner: Planner, scenarios: list[Scenario]) -> list[Plan]:
-    """A planner's plans; InputError where a planner of the caller's own gives other than asked."""
-    plans = planner.plan(scenarios)
-    check_each(f"what the planner {planner.name} returned", plans, Plan)
-    if len(plans) != len(scenarios):
-        raise InputError(
-            f"the planner {planner.name} returned {len(plans)} plans for {len(scenarios)} "
-            "scenarios; expected one for each, in order."
-        )
-    return plans
+    return plans_of(_planner_from(planner), scenarios)
 
 
 def tradeoff(

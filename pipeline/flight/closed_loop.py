@@ -40,7 +40,7 @@ from pipeline.orbit.separation import least_separations, node_distances
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
-from pipeline.planners.planner import Planner, requiring
+from pipeline.planners.planner import Planner, plans_of, requiring
 from pipeline.scenario import Scenario
 
 DETERMINED = 2  # intervals left in which the goal determines all controls; no planner is asked
@@ -152,7 +152,7 @@ class ClosedLoop:
         """Replan some trials and offer the plans; with a back-off where no craft is lost."""
         radius = starts[0].problem.collision_radius
         intact = self._lost[which[0]] < 0
-        plans = (planner if intact else self._after).plan(starts)
+        plans = plans_of(planner if intact else self._after, starts)
         self._add_seconds(which, plans)
         whole = radius == self._scenario.problem.collision_radius
         if self._back_off is not None and intact and whole:

@@ -38,7 +38,7 @@ from pipeline.plan import (
 )
 from pipeline.plan.judge import POSITION_TOLERANCE
 from pipeline.planners.goal_assignment import GoalAssignment
-from pipeline.planners.planner import Planner, PlannerWrapper
+from pipeline.planners.planner import Planner, PlannerWrapper, plans_of
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.state_constraints import StateConstraints, timed_constraints
@@ -155,11 +155,11 @@ def _shifted_to_linear(scenario: Scenario, controls: Controls, states: States) -
 def _planned(planner: Planner, scenarios: Sequence[Scenario]) -> list[Plan]:
     """Linear plans within limits lowered for corrections or, where none is, the limits given."""
     lowered = [_with_lower_limits(one) for one in scenarios]
-    plans = planner.plan(lowered)
+    plans = plans_of(planner, lowered)
     for k, (asked, less) in enumerate(zip(scenarios, lowered, strict=True)):
         limited = (asked.problem, asked.craft) != (less.problem, less.craft)
         if plans[k].status == INFEASIBLE and limited:
-            (plans[k],) = planner.plan([asked])
+            (plans[k],) = plans_of(planner, [asked])
     return plans
 
 

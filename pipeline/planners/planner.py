@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
+from pipeline.errors import InputError, check_each
 from pipeline.networks.recipes import code_of_others
 from pipeline.plan import Plan, Requirements
 from pipeline.provenance import version_of
@@ -24,6 +25,18 @@ class Planner(Protocol):
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, in order; the scenarios share one problem and one n."""
+
+
+def plans_of(planner: Planner, scenarios: Sequence[Scenario]) -> list[Plan]:
+    """A planner's plans; InputError where a planner from outside does not return one for each."""
+    plans = planner.plan(scenarios)
+    check_each(f"what the planner {planner.name} returned", plans, Plan)
+    if len(plans) != len(scenarios):
+        raise InputError(
+            f"the planner {planner.name} returned {len(plans)} plans for {len(scenarios)} "
+            "scenarios; expected one for each, in order."
+        )
+    return plans
 
 
 @dataclass(frozen=True)
