@@ -129,7 +129,7 @@ def earlier_run(
 
 
 def deciding(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters that decide results: all but where the data are, whose digest is among them."""
+    """Parameters that determine results: all but the dataset's path, since its digest is one."""
     return {name: value for name, value in params.items() if name != "data"}
 
 

@@ -127,7 +127,7 @@ def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def known_operators() -> None:
-    """torch's exporter parses the source of all operators that it knows for each graph anew."""
+    """Cache of the operators of torch's ONNX exporter, which parses all of them for each graph."""
     from torch.onnx._internal.exporter import _registration
 
     apis = vars(_registration)["onnxscript_apis"]

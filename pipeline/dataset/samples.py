@@ -36,7 +36,7 @@ class Sample:
 
     @property
     def splits(self) -> dict[str, range]:
-        """The rows of each split; the last one that has a share takes what rounding leaves."""
+        """Row range of each split; the last with a share above 0 gets the rounding remainder."""
         train, valid = (round(self.count * share) for share in self.shares[:2])
         if self.shares[2] == 0:
             valid = self.count - train

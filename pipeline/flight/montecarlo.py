@@ -162,7 +162,7 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
 
 
 def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
-    """Whether a shard of trials is done: undamaged, with its timings and all rows asked for.
+    """Whether a shard of Monte Carlo trials is complete: undamaged, with timings and all rows.
 
     InputError where it was made with other settings or versions.
     """

@@ -60,7 +60,7 @@ def write_page(path: Path, claimed: Plan, name: str) -> Rechecked:
 
 @cache
 def _plotly() -> tuple[str, str]:
-    """The library that draws, compressed, and its hash."""
+    """The JavaScript plotting library, compressed and in base64, and its hash."""
     script = (HERE / "vendor" / "plotly-gl3d.min.js").read_bytes()
     return base64.b64encode(gzip.compress(script, mtime=0)).decode(), _hash(script)
 

@@ -102,7 +102,7 @@ def folder(tmp_path: Path, migrated: Path, monkeypatch: pytest.MonkeyPatch) -> P
 
 @pytest.fixture(scope="session")
 def kept() -> dict[object, tuple[Path, Path, Any]]:
-    """The folder that work filled, a copy of it, and the work's result, by what was done."""
+    """Cache of filled stores, by how they were filled: original folder, its copy, and result."""
     return {}
 
 
@@ -112,7 +112,7 @@ def once(
     kept: dict[object, tuple[Path, Path, Any]],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Once:
-    """Does the first work on a new store, or copies what the same work left for an earlier test.
+    """Function that fills a new store, or copies the store that an identical call filled before.
 
     To write one training takes MLflow and Matplotlib a quarter of a second.
     """
@@ -140,7 +140,7 @@ def once(
 
 @pytest.fixture
 def recorded(once: Once, recipe: Recipe) -> Recorded:
-    """Records a training by the tuned recipe and seed 0, or copies it where it was recorded."""
+    """Function that records a training run, or copies the run recorded by an identical call."""
 
     def record(trained: Trained, dataset: DatasetInfo, **more: Any) -> ModelVersion:
         given = {"recipe": recipe, "seed": 0, "dataset": dataset, **more}

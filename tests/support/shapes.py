@@ -168,9 +168,9 @@ def tells_texts(function: FunctionType) -> bool:
 
 
 class Kinds(dict[type, Look]):
-    """Functions by type that find all of a value that an annotation can ask for.
+    """Dispatch table: for each type a function that gives the properties annotations check.
 
-    Of a text that is the text itself only if asked.
+    Those of a text are its type, or the text itself where annotations name texts.
     """
 
     def __init__(self, texts: bool) -> None:
@@ -179,7 +179,7 @@ class Kinds(dict[type, Look]):
         self[np.ndarray] = attrgetter("dtype", "shape")  # no other type has numpy's dtypes alone
 
     def __missing__(self, kind: type) -> Look:
-        """Function that describes a value of a type; ``type`` where that alone describes it."""
+        """Choose and store the function for a new type."""
         look: Look = varying if issubclass(kind, Collection) else type
         if not {"ndarray", "Tensor"}.isdisjoint(base.__name__ for base in kind.__mro__):
             look = ARRAY

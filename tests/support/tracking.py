@@ -27,8 +27,11 @@ os.setsid()
 mlflow.server._exec_cmd = run
 cli()
 """
-"""MLflow's command, which leads its group, and whose server runs in it rather than in a fresh
-interpreter: there it is loaded anew, by what the environment says."""
+"""Script that runs MLflow's command line as the leader of a process group.
+
+The server runs in the same process, not in a new interpreter; its modules are imported again, since
+they read the environment as they are imported.
+"""
 
 
 @contextmanager

@@ -226,7 +226,7 @@ def test_timings_gone_as_a_whole_are_a_fault_and_come_back(solved):
 
 
 def test_flipped_bits_of_footers_are_faults_and_mended(solved):
-    """In files of three shards at once, since each is checked and made again by itself."""
+    """Three shards are damaged at once; each is verified and repaired independently."""
     before, chance = content(solved), random.Random(0)
     names = (SHARD, "_scenarios/n=3/part-00000.parquet", "_timings/n=2/part-00001.parquet")
     for _ in range(12):

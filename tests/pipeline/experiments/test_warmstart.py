@@ -15,7 +15,7 @@ from pipeline.scenario import draw
 
 SCENARIOS = [draw("rings", 0, 10, k, Problem()) for k in (1, 2, 3, 5)]
 FEW = SCENARIOS[1:3]
-"""For the plain SCP, which takes far longer; it keeps craft apart between nodes in one of them."""
+"""Scenarios for the plain SCP, which is slow: one of its two plans is safe between nodes."""
 
 
 @dataclass(frozen=True)

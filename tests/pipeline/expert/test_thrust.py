@@ -126,7 +126,7 @@ def test_a_budget_is_judged_beside_a_limit_that_hardly_suffices_or_does_not(shar
 
 
 def test_check_knows_that_thrusters_which_cancel_out_in_part_exceed_the_norm():
-    """Six thrusters tilted 6° out of a plane: along its normal most of their thrust cancels out."""
+    """Six thrusters tilted 6° out of a plane, whose thrusts along the normal nearly cancel."""
     turns = np.deg2rad([0, 120, 240])
     flat = [[np.cos(turn), np.sin(turn), up] for up in (0.1, -0.1) for turn in turns]
     model = tuple(tuple((one / np.linalg.norm(one)).tolist()) for one in np.array(flat))

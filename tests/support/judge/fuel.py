@@ -30,7 +30,7 @@ class Bound:
 
 
 FOUND: dict[str, Bound] = {}
-"""What was found, by what was asked: the plans of many planners are between the same ends."""
+"""Cache of bounds by problem and end states, which the plans of many planners share."""
 
 
 def least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
