@@ -17,7 +17,7 @@ from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls
-from pipeline.orbit.infeasibility import unavoidable_encounter
+from pipeline.orbit.passive_safety import unavoidable_encounter
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
 from pipeline.plan import (
     INFEASIBLE,

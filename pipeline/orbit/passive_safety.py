@@ -3,18 +3,30 @@
 One craft drifts from that node on; the others fly their plan to its end and then drift from their
 goals. All of this is linear motion under controls that are constant over intervals, so the search
 with proven bounds is the same as for craft in flight.
+
+Initial and goal states alone may prove that no plan is passively safe: whatever the plan is, a
+craft that loses its thrust at the first node drifts from its start, and after the last node all
+other craft drift from their goals. The motion of obstacles is known.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, Int
-from pipeline.orbit.approaches import Approaches, Motions, balls, closest_to_origin
-from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, Values, mapped
+from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.orbit.approaches import (
+    Approaches,
+    Motions,
+    balls,
+    close_approaches,
+    closest_to_origin,
+)
+from pipeline.orbit.arrays import Controls, CraftMask, Formation, Indices, States, Values, mapped
+from pipeline.orbit.participants import Obstacle, Participants, at_the_end
 from pipeline.orbit.partition import SwarmPartition, swarm_partition
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.separation import (
     ROUNDING,
     Separation,
@@ -22,9 +34,12 @@ from pipeline.orbit.separation import (
     distances_of,
     replace_if_closer,
 )
+from pipeline.orbit.transfer import free_drift
 
 AT_ONCE = 1_000_000  # pairs and intervals that are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # share of an interval below which a remainder is rounding
+# Drift in s below which nothing is proven by the ends alone; plans are still checked over it
+SHORTEST = 2 * RANGES["time_step"][0]
 
 
 def loss_encounters(
@@ -202,3 +217,84 @@ def _closest_at_steps(paths: _Paths, swarms: SwarmPartition) -> list[Separation]
                     time = float(node + at) * step
                     closest[swarm] = Separation(distance, distance - slack, pair, time, node)
     return closest
+
+
+def unavoidable_encounter(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    orbits: float,
+    radii: Values | None = None,
+    obstacles: Sequence[Obstacle] = (),
+) -> Separation | None:
+    """The closest encounter within r_col, or both radii, that the ends imply, or None.
+
+    Radii of craft are in m; obstacles need them, and are numbered after the craft.
+    """
+    there, last = at_the_end(obstacles, problem), problem.nodes - 1
+    found = list(_encounters(goal, problem, orbits, last, radii, there))
+    if obstacles:
+        before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
+        found += [one for one in before if one.pair and one.pair[1] >= len(goal)]
+    starts = _starts_with_goals(initial, goal, problem, orbits, radii)
+    found += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
+    return min(found, key=lambda one: one.distance, default=None)
+
+
+def allowed_goals(
+    initial: Formation, goal: Formation, problem: Problem, orbits: float
+) -> Bool[Array, "n n"]:
+    """Mask of the goals that each craft may take, where goals are not assigned yet.
+
+    A craft whose drift from its start meets a craft that drifts from some goal must take that goal
+    itself. None may take any where drifts from two goals meet.
+    """
+    n = len(goal)
+    allowed = np.ones((n, n), dtype=bool)
+    if list(_encounters(goal, problem, orbits, problem.nodes - 1)):
+        return ~allowed
+    for craft, taken, _ in _starts_with_goals(initial, goal, problem, orbits):
+        allowed[craft] &= np.arange(n) == taken
+    return allowed
+
+
+def _starts_with_goals(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    orbits: float,
+    radii: Values | None = None,
+) -> Iterator[tuple[int, int, Separation]]:
+    """Encounters after the plan of craft adrift from their starts with others adrift from goals."""
+    n = len(goal)
+    A = problem.dynamics.drift(0, problem.intervals)
+    both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
+    longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
+    radii = None if radii is None else np.tile(radii, 2)
+    for one in _encounters(both, problem, longer, 0, radii):
+        if one.pair and one.pair[0] < n <= one.pair[1]:
+            craft, taken = one.pair[0], one.pair[1] - n
+            yield craft, taken, replace(one, pair=(craft, taken))
+
+
+def _encounters(
+    states: Formation,
+    problem: Problem,
+    orbits: float,
+    node: int,
+    radii: Values | None = None,
+    obstacles: Sequence[Obstacle] = (),
+    begin: float | None = None,
+) -> Iterator[Separation]:
+    """Encounters within the collision radius in free drift from a time, s, or the plan's end."""
+    if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
+        return
+    begin = problem.duration if begin is None else begin
+    flown, idle, drift = free_drift(states, problem, orbits, begin)
+    drift = replace(drift, collision_radius=problem.collision_radius)
+    swarms = None if radii is None else Participants(drift, [radii], [obstacles])
+    found = close_approaches(flown, idle, drift, problem.collision_radius, swarms=swarms)
+    time = begin + found.times(drift)
+    for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
+        pair, distance = (int(found.first[k]), int(found.second[k])), float(found.distance[k])
+        yield Separation(distance, float(found.bound[k]), pair, float(time[k]), node)

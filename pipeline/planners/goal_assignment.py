@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.infeasibility import allowed_goals
+from pipeline.orbit.passive_safety import allowed_goals
 from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, gap_of
 from pipeline.planners.assignment import DecoupledCosts, Slots, decoupled_costs, ranked
 from pipeline.planners.planner import PlannerWrapper

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from judge import Case, closest_adrift
 
 from pipeline.errors import InputError
-from pipeline.orbit.infeasibility import unavoidable_encounter
 from pipeline.orbit.partition import swarm_partition
-from pipeline.orbit.passive_safety import least_after_loss, loss_encounters
+from pipeline.orbit.passive_safety import least_after_loss, loss_encounters, unavoidable_encounter
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, minimum_energy

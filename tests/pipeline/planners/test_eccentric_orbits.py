@@ -10,9 +10,8 @@ from trials import Errors, drawn, wilson
 
 from pipeline.expert import solve
 from pipeline.flight.world import NonlinearWorld
-from pipeline.orbit.infeasibility import unavoidable_encounter
 from pipeline.orbit.partition import pairs, swarm_partition
-from pipeline.orbit.passive_safety import least_after_loss
+from pipeline.orbit.passive_safety import least_after_loss, unavoidable_encounter
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
