@@ -50,7 +50,7 @@ class CollisionRisk:
     corrections: float = 0.0  # mean fuel that feedback adds to the plan's, of all craft, m/s²
 
 
-Maps = tuple[Float[Array, "k ..."], Float[Array, "k ..."]]  # from state and control
+Functionals = Float[Array, "k 9"]  # linear in the errors of state and control
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,46 +69,42 @@ class _Stretches:
     max_sigma: float  # K, standard deviations that margins allow for
     two_sided: bool = False  # whether checks are on both sides, along the largest error
 
-    def maps(self, which: Indices, share: Values) -> Maps:
-        """Maps to relative positions at times given as shares of the interval."""
-        problem = self.problem
-        free, pushed = problem.dynamics.step(share * problem.time_step, self.interval[which])
-        return free[:, :3], pushed[:, :3]
+    def maps(self, which: Indices, share: Values) -> Float[Array, "k 6 9"]:
+        """Maps from state and control to relative states at shares of the interval."""
+        time = share * self.problem.time_step
+        return np.concatenate(self.problem.dynamics.step(time, self.interval[which]), axis=-1)
 
-    def position(self, which: Indices, maps: Maps) -> Vectors:
-        """Mean relative position, m."""
-        return np.matvec(maps[0], self.state[which]) + np.matvec(maps[1], self.control[which])
+    def mean(self, which: Indices, maps: Float[Array, "k d 9"]) -> Float[Array, "k d"]:
+        """Mean relative state, or position, m and m/s."""
+        free, pushed = maps[..., :6], maps[..., 6:]
+        return np.matvec(free, self.state[which]) + np.matvec(pushed, self.control[which])
 
-    def covariance(self, which: Indices, one: Maps, other: Maps) -> Values:
+    def covariance(self, which: Indices, one: Functionals, other: Functionals) -> Values:
         """Covariance of two linear functionals of the errors."""
-        first, second = (np.concatenate(each, axis=-1) for each in (one, other))
-        return np.vecdot(np.vecmat(first, self.errors[which]), second)
+        return np.vecdot(np.vecmat(one, self.errors[which]), other)
 
     def directions(self, which: Indices, share: Values) -> Vectors:
         """Directions of checks at shares of the interval: where collisions are likeliest."""
-        maps = self.maps(which, share)
-        both = np.concatenate(maps, axis=-1)
-        spread = both @ self.errors[which] @ both.mT
+        maps = self.maps(which, share)[:, :3]
+        spread = maps @ self.errors[which] @ maps.mT
         if self.two_sided:
             along = np.linalg.eigh(spread)[1][..., -1]
             return along * np.where(along.sum(axis=-1) < 0, -1.0, 1.0)[:, None]
-        mean = self.position(which, maps)
+        mean = self.mean(which, maps)
         return likeliest_direction(mean, spread, self.problem.collision_radius)
 
     def may_be_near(self, panels: "_Panels") -> Bool[Array, "q"]:
         """Whether pairs may be near at some time of each panel."""
         at, half = panels.stretch, panels.width * self.problem.time_step / 2
-        middle = (panels.begin + panels.width / 2) * self.problem.time_step
-        A, B = self.problem.dynamics.step(middle, self.interval[at])
-        mean = np.matvec(A, self.state[at]) + np.matvec(B, self.control[at])
+        maps = self.maps(at, panels.begin + panels.width / 2)
+        mean = self.mean(at, maps)
         moved = (norm(mean[:, 3:]) + self.bend[at] * half) * half  # bound on the motion from there
         near = norm(mean[:, :3]) - moved < self.near[at]
         if not self.two_sided:
             return near
         # Where errors are large in one direction, others may keep the pair apart all the same.
-        both = np.concatenate([A, B], axis=-1)
         radius = self.problem.collision_radius
-        spread = both @ self.errors[at] @ both.mT
+        spread = maps @ self.errors[at] @ maps.mT
         normal = likeliest_direction(mean[:, :3], spread[:, :3, :3], radius)
         place = np.vecdot(normal, mean[:, :3])
         place -= self.max_sigma * standard_deviation(normal, spread[:, :3, :3])
@@ -303,17 +299,15 @@ def _failure_probability(
     at, radius = panels.stretch, stretches.problem.collision_radius
     width = panels.width * stretches.problem.time_step
     ends = panels.begin, panels.begin + panels.width
-    here, there = (stretches.maps(at, share) for share in ends)
-    start, end = stretches.position(at, here), stretches.position(at, there)
+    here, there = (stretches.maps(at, share)[:, :3] for share in ends)
+    start, end = stretches.mean(at, here), stretches.mean(at, there)
 
-    def along(normal: Float[Array, "q 3"], maps: Maps) -> Maps:
-        return np.vecmat(normal, maps[0]), np.vecmat(normal, maps[1])
-
-    def less(one: Maps, other: Maps) -> Maps:
-        return one[0] - other[0], one[1] - other[1]
+    def along(normal: Float[Array, "q 3"], maps: Float[Array, "q 3 9"]) -> Functionals:
+        parts = maps[..., :6], maps[..., 6:]
+        return np.concatenate([np.vecmat(normal, one) for one in parts], axis=-1)
 
     turn = panels.last - panels.first
-    swing = along(turn, less(there, here))
+    swing = along(turn, there - here)
     erring = stretches.max_sigma * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
     turned = np.vecdot(turn, end - start)
     turning = np.maximum(np.abs(turned) if stretches.two_sided else turned, 0.0) + erring
@@ -324,7 +318,7 @@ def _failure_probability(
     margin_first = np.where(joined, np.maximum(margin, np.roll(margin, 1)), margin)
     margin_last = np.where(goes_on, np.maximum(margin, np.roll(margin, -1)), margin)
     first, last = along(panels.first, here), along(panels.last, there)
-    step = less(last, first)
+    step = last - first
     variances = [np.maximum(stretches.covariance(at, one, one), 0.0) for one in (first, last, step)]
     apart = np.vecdot(panels.first, start) - radius
     apart_last = np.vecdot(panels.last, end) - radius
