@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, like, namespace, plain
 from pipeline.flight.world import World
 from pipeline.orbit.corridors import Faces, least_margin
-from pipeline.orbit.nearest import Nearest, nearest, nearest_between, smaller_separation
+from pipeline.orbit.nearest import Nearest, nearest, smaller_separation
 from pipeline.scenario import Scenario, participants
 
 OF_CRAFT = "min_separation", "first_craft", "second_craft", "min_separation_time"
@@ -78,7 +78,7 @@ class Surroundings:
             there = self._arcs[interval : interval + 1]
             beside = [np.broadcast_to(one, (len(arcs), *one.shape)) for one in there]
             both = namespace(arcs).concatenate([arcs, *(like(one, arcs) for one in beside)], axis=1)
-            sized = nearest_between(both, both, self._swarms.pairs, *when, self._swarms)
+            sized = nearest(both, *when, self._swarms)
         if len(self._faces):
             inside = least_margin(plain(arcs), self._faces, *when)
         return LeastDistances(nearest(arcs, *when), sized, inside)

@@ -14,7 +14,7 @@ from pipeline.arrays import Array, Float, Int, like, namespace, plain
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
-from pipeline.orbit.partition import Pairs, SwarmPartition, least_of_each, pairs
+from pipeline.orbit.partition import SwarmPartition, least_of_each, swarm_partition
 from pipeline.orbit.separation import Separation
 
 ENDS = basis(np.linspace(-1.0, 1.0, CUBICS + 1)) @ COEFFICIENTS
@@ -39,8 +39,17 @@ class Nearest:
         return Separation(float(self.distance[0]), float(self.bound[0]), pair, float(self.time[0]))
 
 
-def nearest(states: Float[Any, "trials n pieces q 6"], start: float, duration: float) -> Nearest:
+def nearest(
+    states: Float[Any, "trials n pieces q 6"],
+    start: float,
+    duration: float,
+    swarms: SwarmPartition | None = None,
+    others: Float[Any, "trials m pieces q 6"] | None = None,
+) -> Nearest:
     """The least separation at any time of an arc, from states at its pieces' Chebyshev points.
+
+    Of the pairs of one swarm or of the ``swarms`` given, by sizes; with ``others``, of craft adrift
+    after a loss of thrust, whose states are given, from the others.
 
     Each piece is cut into stretches. On one of length h a pair's relative position is its cubic
     Hermite interpolant, up to h⁴/384 max‖p⁗‖; the cubic's least distance is found by branch and
@@ -50,32 +59,22 @@ def nearest(states: Float[Any, "trials n pieces q 6"], start: float, duration: f
     pieces are of one length. States are LVLH, m and m/s. Where they are torch tensors, the few
     stretches that may be closest are found on their device and searched on the CPU.
     """
-    return nearest_between(states, states, pairs(states.shape[1]), start, duration)
-
-
-def nearest_between(
-    states: Float[Any, "trials n pieces q 6"],
-    others: Float[Any, "trials m pieces q 6"],
-    both: Pairs,
-    start: float,
-    duration: float,
-    swarms: SwarmPartition | None = None,
-) -> Nearest:
-    """As ``nearest``, for given pairs of ``states`` and ``others``, by sizes if given."""
-    trials, _, pieces, _, _ = states.shape
+    trials, n, pieces, _, _ = states.shape
+    swarms = swarms or swarm_partition((n,))
+    both = swarms.pairs if others is None else swarms.loss_pairs
     if len(both[0]) == 0:
         return no_pairs(trials)
     half = duration / pieces / 2
     h = 2 * half / CUBICS
-    motions = (states,) if others is states else (states, others)
+    motions = (states,) if others is None else (states, others)
     ends = tuple(like(ENDS, each) @ each for each in motions)
-    scale, beyond = (None, 0.0) if swarms is None else swarms.separation_scaling(*both)
+    scale, beyond = swarms.separation_scaling(*both)
     off = np.broadcast_to(beyond, len(both[0]))
     i, j, *sizes = (like(one, states) for one in (*both, scale, off))
     found = _candidates(motions, ends, (i, j), half, (sizes[0], sizes[1]))
     within, trial, pair, piece, cubic = map(plain, found)
     i, j, off = (one[pair] for one in (*both, off))
-    apart = plain(states[trial, i, piece] - others[trial, j, piece])
+    apart = plain(states[trial, i, piece] - motions[-1][trial, j, piece])
     begin, end = (
         plain(ends[0][trial, i, piece, cubic + k] - ends[-1][trial, j, piece, cubic + k])
         for k in (0, 1)

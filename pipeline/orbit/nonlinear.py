@@ -20,7 +20,7 @@ from pipeline.orbit.bezier import norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_margin
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
-from pipeline.orbit.nearest import Nearest, nearest, nearest_between
+from pipeline.orbit.nearest import Nearest, nearest
 from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
@@ -89,12 +89,10 @@ class NonlinearFlight:
 
     def separation(self, swarms: SwarmPartition | None = None) -> Separation:
         """The least separation at any time: of craft, or of participants, by their sizes."""
-        duration = self.problem.duration
-        if swarms is None:
-            return nearest(_pieces(self.arcs), 0.0, duration).separation()
-        dynamics = _dynamics(self.problem)
-        pieces = _pieces(_arcs_beside(self.initial, self.controls, dynamics, swarms))
-        return nearest_between(pieces, pieces, swarms.pairs, 0.0, duration, swarms).separation()
+        arcs = self.arcs
+        if swarms is not None:
+            arcs = _arcs_beside(self.initial, self.controls, _dynamics(self.problem), swarms)
+        return nearest(_pieces(arcs), 0.0, self.problem.duration, swarms).separation()
 
     def margin(self, faces: Faces) -> Nearest:
         """Least margin of craft inside corridors, by ``least_margin``."""
@@ -151,9 +149,7 @@ def least_after_loss_nonlinear(
             end = min(k + AT_ONCE, after)
             lost, met = _pieces(adrift[:, k:end]), _pieces(others[:, node + k : node + end])
             begin, length = (node + k) * h, (end - k) * h
-            found = nearest_between(
-                lost, met, swarms.loss_pairs, begin, length, swarms
-            ).separation()
+            found = nearest(lost, begin, length, swarms, met).separation()
             nearer = replace(found, node=node) if found.distance < least.distance else least
             least = replace(nearer, bound=min(found.bound, least.bound))
     return least
