@@ -12,7 +12,7 @@ from judged import document
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.orbit.problem import Problem
-from pipeline.planners.assignment import decoupled_costs, ranked
+from pipeline.planners.goal_assignment import decoupled_costs, ranked
 from pipeline.scenario import draw
 
 

@@ -12,9 +12,8 @@ from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
-from pipeline.planners.assignment import decoupled_costs, ranked
 from pipeline.planners.classical import Expert
-from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment
+from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment, decoupled_costs, ranked
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.spacecraft import Spacecraft
