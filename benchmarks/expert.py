@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.tables import TableRow, quartiles, show, write_json
 from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED
+from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022

@@ -27,7 +27,8 @@ from pipeline.networks.refiner.model import TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import BASELINES
 from pipeline.planners.network import ONE_SOLVE, FallbackPlanner, NetworkPlanner
 from pipeline.scenario import Scenario, draw

@@ -27,7 +27,7 @@ from benchmarks.tables import PageOption, limited_process, update_page, use_one_
 from pipeline.expert import solve, solvers
 from pipeline.expert.conic_decoupled import minimum_fuel_by_cones
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED
+from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.spacecraft import limits_of
 from pipeline.scenario.state_constraints import state_constraints

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from cli.output import echo
 from pipeline.arrays import Array
 from pipeline.files import write_text
-from pipeline.plan import SOLVED, Plan
+from pipeline.plan.plan import SOLVED, Plan
 
 TableRow = dict[str, float | int | str]  # a line of a table, by column
 PageOption = Annotated[

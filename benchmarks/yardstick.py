@@ -35,7 +35,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.expert import solve
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.document import document_of, read_scenario
 

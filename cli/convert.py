@@ -50,8 +50,8 @@ def convert(
         prolearn convert plan.json --to basilisk --out swarm.py
     """
     from pipeline.export import FORMATS, write_plan_as
-    from pipeline.plan import SOLVED
     from pipeline.plan.document import read_plan
+    from pipeline.plan.plan import SOLVED
 
     form, folder = FORMATS[to], not FORMATS[to].suffix
     given = {"--mass": mass, "--specific-impulse": specific_impulse}

@@ -245,7 +245,7 @@ def _solve(
 ) -> None:
     from pipeline.dataset.making import solve as run
     from pipeline.expert import Settings
-    from pipeline.plan import Requirements
+    from pipeline.plan.requirements import Requirements
 
     how, required = Settings(solver=solver), Requirements(separation)
     with progress("solving") as shown:

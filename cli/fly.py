@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from pipeline.flight.summary import Summary
     from pipeline.flight.world import Conditions
     from pipeline.parallel.workers import Workers
-    from pipeline.plan import Plan, Requirements
+    from pipeline.plan.plan import Plan
+    from pipeline.plan.requirements import Requirements
 
 
 @with_settings

@@ -107,8 +107,9 @@ def plan(
     from cli.jobs.planner import planner_of
     from pipeline.flight.world import in_world
     from pipeline.orbit.dynamics import model_error
-    from pipeline.plan import SOLVED, Requirements, summary
     from pipeline.plan.document import write_plan
+    from pipeline.plan.plan import SOLVED, summary
+    from pipeline.plan.requirements import Requirements
     from pipeline.planners.as_flown import AsFlown
     from pipeline.scenario.document import read_checked
 
@@ -205,7 +206,7 @@ def tradeoff(
     durations = seconds(settings.duration)
     from cli.jobs.planner import planner_of
     from cli.jobs.tradeoff import trade
-    from pipeline.plan import Requirements
+    from pipeline.plan.requirements import Requirements
 
     required, assignment = Requirements(settings.separation), settings.assignment
     planner = planner_of(settings.planner, required, settings.effort, assignment=assignment)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pipeline.flight.world import Conditions
     from pipeline.orbit.problem import Problem
     from pipeline.orbit.reference_orbit import ReferenceOrbit
-    from pipeline.plan import RiskLimit
+    from pipeline.plan.requirements import RiskLimit
     from pipeline.scenario import Scenario
 
 
@@ -411,7 +411,7 @@ class RiskSettings:
 
     def limit(self) -> "RiskLimit | None":
         """The limit on the risk, if any; InputError where it or the errors are missing."""
-        from pipeline.plan import RiskLimit
+        from pipeline.plan.requirements import RiskLimit
 
         # 0 is given, too.
         given = {k: v for k, v in vars(self).items() if v is not None and v is not False}

@@ -16,7 +16,7 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_choice, check_whole, is_number
 from pipeline.figures import style
 from pipeline.orbit.problem import MOST_NODES
-from pipeline.plan import INFEASIBLE, SOLVED, Plan
+from pipeline.plan.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner, plans_of
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario

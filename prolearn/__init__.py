@@ -31,8 +31,10 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import Certificate, Plan, Requirements, RiskLimit
+from pipeline.plan.certificate import Certificate
 from pipeline.plan.document import read_plan, write_plan
+from pipeline.plan.plan import Plan
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.planners.planner import Planner
 from pipeline.scenario import FAMILIES, Diagnostic, Scenario, draw
 from pipeline.scenario import diagnostics as check

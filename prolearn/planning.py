@@ -22,7 +22,8 @@ from pipeline.flight.loops import (
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, SeparationKind
+from pipeline.plan.plan import Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, SeparationKind
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner, plans_of
 from pipeline.scenario import Scenario

@@ -19,7 +19,7 @@ from pipeline.figures.style import in_style, make_visible, save
 from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import path_of, write_text
 from pipeline.orbit.transfer import track
-from pipeline.plan import Plan
+from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario
 from pipeline.show import page
 from pipeline.tradeoff import Point, knee_of, tradeoff_figure

@@ -33,7 +33,7 @@ from pipeline.networks.model import Model
 from pipeline.networks.recipes import MOST, REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.planners.network import FallbackPlanner, NetworkPlanner, check_problem
 from pipeline.progress import SILENT, Progress

@@ -23,7 +23,7 @@ from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import Conditions, LinearWorld, World, world_of
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Plan
+from pipeline.plan.plan import Plan
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST

@@ -5,7 +5,7 @@ import re
 from pipeline.errors import InputError, check_choice, check_kind, missing_extra_hint
 from pipeline.expert.settings import EFFORTS, Effort
 from pipeline.networks.recipes import architecture_names
-from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import NAMES, named_planner, refuse_effort, with_expert
 from pipeline.planners.planner import Planner

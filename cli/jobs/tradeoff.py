@@ -7,8 +7,8 @@ from typing import Any
 from cli.settings import Tradeoff
 from pipeline.figures.style import save
 from pipeline.files import refuse_unwritable, write_rows
-from pipeline.plan import summary
 from pipeline.plan.document import write_plan
+from pipeline.plan.plan import summary
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked

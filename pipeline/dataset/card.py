@@ -32,7 +32,8 @@ from pipeline.markup import Markdown, code, formatted, table, template, verbatim
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.parallel.workers import Workers
-from pipeline.plan import AT_ALL_TIMES, SOLVED
+from pipeline.plan.plan import SOLVED
+from pipeline.plan.requirements import AT_ALL_TIMES
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
 from pipeline.scenario.families import FAMILIES

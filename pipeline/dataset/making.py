@@ -26,7 +26,8 @@ from pipeline.expert import Settings, solve_many
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES
 from pipeline.parallel.workers import Workers, check_worker
-from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario, draw, draw_many

@@ -24,7 +24,7 @@ from pipeline.documents import first_fault, validated
 from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario.families import scenario_id
 from pipeline.storage import COPY, DAMAGED, FOREIGN, LOCK, MANIFEST, TIMINGS, WRITTEN
 from pipeline.storage.folder import Folder, Where, open_folder

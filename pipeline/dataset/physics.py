@@ -13,18 +13,10 @@ from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import dynamics_defect, fuel
-from pipeline.plan import (
-    INFEASIBLE,
-    SOLVED,
-    UNSAFE,
-    UNSOLVED,
-    Plan,
-    Requirements,
-    certify,
-    gap_of,
-    violations,
-)
-from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.certificate import certify, gap_of
+from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE, violations
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario
 
 STATUSES = (SOLVED, INFEASIBLE, UNSOLVED, UNSAFE)

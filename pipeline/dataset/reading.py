@@ -12,7 +12,7 @@ from pipeline.dataset.manifest import Manifest, Shard, read_manifest
 from pipeline.dataset.schema import SCENARIO_FIELDS, problem_of, scenarios_of, stacked
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED
+from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import decode, has_metadata, read_content, verified

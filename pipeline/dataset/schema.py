@@ -20,7 +20,7 @@ from pipeline.arrays import Array, Float
 from pipeline.documents import validated
 from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, UNSOLVED, Plan
+from pipeline.plan.plan import SOLVED, UNSOLVED, Plan
 from pipeline.scenario import Scenario
 from pipeline.storage.shards import TIMED_KEY, metadata_of, read_metadata
 

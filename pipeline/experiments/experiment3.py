@@ -18,7 +18,7 @@ from pipeline.figures.intervals import mean_interval
 from pipeline.figures.labels import label_name, number, planner_of, ratio, share, span
 from pipeline.figures.style import GREY, PAGE_WIDTH, REFERENCE, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
-from pipeline.plan import SOLVED
+from pipeline.plan.plan import SOLVED
 
 GROUP = ["optimizer", "n", "rule", "seed"]  # columns that identify a row of the summary
 

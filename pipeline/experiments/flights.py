@@ -19,7 +19,8 @@ from pipeline.flight.trials import SIZE
 from pipeline.flight.world import Conditions, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
 from pipeline.parallel.workers import Workers
-from pipeline.plan import SOLVED, Plan, RiskLimit
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import RiskLimit
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner, requiring
 from pipeline.progress import SILENT, Progress

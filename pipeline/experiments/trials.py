@@ -17,7 +17,8 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls
 from pipeline.parallel.workers import Workers
-from pipeline.plan import SOLVED, Plan, is_safe
+from pipeline.plan.judge import is_safe
+from pipeline.plan.plan import SOLVED, Plan
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario

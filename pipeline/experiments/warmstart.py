@@ -13,7 +13,7 @@ from pipeline.experiments.trials import Predictor, flies_safely
 from pipeline.expert import EFFORTS, SEEDS, solve
 from pipeline.expert.seeds import Seed, decoupled_seed
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Plan
+from pipeline.plan.plan import Plan
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 

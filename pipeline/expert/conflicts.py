@@ -25,7 +25,7 @@ from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import sigma_levels
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 
 ENDS = 2 * PROVABLE  # slack of back-offs at the ends, which no control can change, m
 

@@ -15,19 +15,10 @@ from pipeline.expert.conflicts import BackOff
 from pipeline.expert.nominal import nominal_plans
 from pipeline.expert.settings import Settings
 from pipeline.orbit.risk import CollisionRisk, collision_risk
-from pipeline.plan import (
-    AT_ALL_TIMES,
-    INFEASIBLE,
-    SOLVED,
-    UNSOLVED,
-    Draft,
-    Plan,
-    Requirements,
-    Risk,
-    RiskLimit,
-    certified_plan,
-    refuse_risk,
-)
+from pipeline.plan.certificate import Risk
+from pipeline.plan.judge import Draft, certified_plan
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, refuse_risk
 from pipeline.scenario import Scenario
 
 TRIES = 8  # searches at most, each with another number of standard deviations

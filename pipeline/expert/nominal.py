@@ -19,17 +19,10 @@ from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.passive_safety import unavoidable_encounter
 from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
-from pipeline.plan import (
-    INFEASIBLE,
-    SOLVED,
-    UNSAFE,
-    UNSOLVED,
-    Draft,
-    Plan,
-    Requirements,
-    certified_plans,
-    gap_of,
-)
+from pipeline.plan.certificate import gap_of
+from pipeline.plan.judge import Draft, certified_plans
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario
 
 

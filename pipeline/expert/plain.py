@@ -22,7 +22,9 @@ from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly, fuel, meet_goal, step_maps
-from pipeline.plan import SOLVED, UNSOLVED, Draft, Plan, Requirements, certified_plan
+from pipeline.plan.judge import Draft, certified_plan
+from pipeline.plan.plan import SOLVED, UNSOLVED, Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario
 
 NAME = "plain SCP"

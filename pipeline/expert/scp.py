@@ -51,7 +51,8 @@ from pipeline.orbit.arrays import Controls, CraftMask, Indices, Values, Vectors
 from pipeline.orbit.bezier import norm
 from pipeline.orbit.thrust_cost import exceeded_limits
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
-from pipeline.plan import Requirements, gap_of
+from pipeline.plan.certificate import gap_of
+from pipeline.plan.requirements import Requirements
 
 SEED_LOOK = 15.0  # pairs of a seed nearer than this plus the collision radius are cut at once, m
 SHIFT = 1.5  # standard deviation of further starts' random shifts of gaps, in collision radii

@@ -1,4 +1,4 @@
-"""How the expert works; what its plans must satisfy is in ``pipeline.plan.Requirements``."""
+"""How the expert works; what its plans must satisfy is in ``pipeline.plan.requirements``."""
 
 from dataclasses import dataclass
 from typing import Literal

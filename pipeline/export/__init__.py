@@ -7,7 +7,7 @@ from pipeline.errors import InputError, check_choice
 from pipeline.export.basilisk import write_basilisk
 from pipeline.export.messages import write_ephemerides, write_orbit_parameters
 from pipeline.export.tables import Masses, NumberOrEach, write_burns, write_csv, write_parquet
-from pipeline.plan import Plan
+from pipeline.plan.plan import Plan
 
 
 @dataclass(frozen=True)

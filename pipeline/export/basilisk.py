@@ -11,7 +11,7 @@ from pipeline.files import STDIO, write_text
 from pipeline.markup import template
 from pipeline.orbit.forces import EARTH_RATE
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
-from pipeline.plan import Plan
+from pipeline.plan.plan import Plan
 from pipeline.text import visible
 
 TURN = 0.002  # largest angle by which the reference turns in a step, rad

@@ -15,8 +15,8 @@ from pipeline.export.tables import Burns, Masses, burns_of
 from pipeline.files import write_text
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.reference import radius_at
-from pipeline.plan import Plan
 from pipeline.plan.judge import check_states
+from pipeline.plan.plan import Plan
 from pipeline.scenario.orbit_document import OrbitDocument
 from pipeline.text import visible
 

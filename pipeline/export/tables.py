@@ -13,9 +13,9 @@ from pipeline.errors import InputError, is_number
 from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import published, write_rows
 from pipeline.orbit.thrust_cost import cost_within
-from pipeline.plan import Plan
 from pipeline.plan.document import plan_document
 from pipeline.plan.judge import check_states
+from pipeline.plan.plan import Plan
 
 METADATA_KEY = b"prolearn"
 STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")

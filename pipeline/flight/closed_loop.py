@@ -38,8 +38,9 @@ from pipeline.orbit.passive_safety import least_after_loss
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import least_separations, node_distances
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import SOLVED, Plan, Requirements
 from pipeline.plan.judge import POSITION_TOLERANCE, VELOCITY_TOLERANCE
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.planner import Planner, plans_of, requiring
 from pipeline.scenario import Scenario
 

@@ -20,8 +20,10 @@ from pipeline.orbit.reference import radius_at
 from pipeline.orbit.separation import Separation, swarm_node_collisions
 from pipeline.orbit.thrust_cost import craft_fuel
 from pipeline.orbit.transfer import fly, fuel
-from pipeline.plan import Clearance, CorridorMargin, PassiveSafety, Plan, Requirements
+from pipeline.plan.certificate import Clearance, CorridorMargin, PassiveSafety
 from pipeline.plan.judge import POSITION_TOLERANCE, is_passively_safe
+from pipeline.plan.plan import Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario, participants
 from pipeline.scenario.orbit_document import OrbitDocument
 

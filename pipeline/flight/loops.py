@@ -17,7 +17,8 @@ from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, World
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.partition import MOST_PAIRS, swarm_partition
-from pipeline.plan import SOLVED, Plan, Requirements
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 

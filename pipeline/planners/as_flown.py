@@ -26,17 +26,9 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.transfer import COAST, fly
-from pipeline.plan import (
-    INFEASIBLE,
-    SOLVED,
-    UNSAFE,
-    UNSOLVED,
-    Draft,
-    Plan,
-    Requirements,
-    certified_plan,
-)
-from pipeline.plan.judge import POSITION_TOLERANCE
+from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.planner import Planner, PlannerWrapper, plans_of
 from pipeline.scenario import Scenario

@@ -8,7 +8,9 @@ from pipeline.expert import Settings, solve_many
 from pipeline.expert.batch import Batch
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
-from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, Draft, Plan, Requirements, certified_plans
+from pipeline.plan.judge import Draft, certified_plans
+from pipeline.plan.plan import INFEASIBLE, Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario
 
 

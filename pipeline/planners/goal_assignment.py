@@ -20,7 +20,8 @@ from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, decoupled_o
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.passive_safety import allowed_goals
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan, gap_of
+from pipeline.plan.certificate import gap_of
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan
 from pipeline.planners.planner import PlannerWrapper
 from pipeline.scenario import Scenario
 

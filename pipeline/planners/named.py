@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from pipeline.errors import InputError
 from pipeline.expert import EFFORTS
 from pipeline.networks.recipes import REFINER
-from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.planners.planner import Planner
 

@@ -15,7 +15,8 @@ from pipeline.networks.recipes import REFINER
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import meet_goal, project_to_flyable
-from pipeline.plan import AT_ALL_TIMES, SOLVED, Plan, Requirements
+from pipeline.plan.plan import SOLVED, Plan
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import plans_from_controls
 from pipeline.planners.planner import PlannerWrapper, requiring
 from pipeline.scenario import Scenario

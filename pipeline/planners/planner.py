@@ -6,7 +6,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from pipeline.errors import InputError, check_each
 from pipeline.networks.recipes import code_of_others
-from pipeline.plan import Plan, Requirements
+from pipeline.plan.plan import Plan
+from pipeline.plan.requirements import Requirements
 from pipeline.provenance import version_of
 from pipeline.scenario import Scenario
 

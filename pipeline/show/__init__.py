@@ -10,7 +10,8 @@ from jinja2.utils import htmlsafe_json_dumps
 
 from pipeline.files import write_text
 from pipeline.markup import template
-from pipeline.plan import Plan, Rechecked, recheck
+from pipeline.plan.plan import Plan
+from pipeline.plan.recheck import Rechecked, recheck
 from pipeline.show.data import LARGER, page_data, steps_of
 from pipeline.show.tables import certificate_rows, motion, planner_rows, scenario_rows, verdict
 

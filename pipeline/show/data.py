@@ -15,7 +15,7 @@ from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.transfer import free_drift, track
-from pipeline.plan import Plan
+from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario, participants
 
 SAMPLES = 240  # times at which a transfer is shown: every 5 s of the reference problem's 20 minutes

@@ -8,15 +8,9 @@ from pipeline.orbit.corridors import Corridor
 from pipeline.orbit.reference import R_EARTH, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import COMPONENTS, NORM, Windows
-from pipeline.plan import (
-    SOLVED,
-    WITHOUT_GAP,
-    Certificate,
-    Clearance,
-    CorridorMargin,
-    Plan,
-    Rechecked,
-)
+from pipeline.plan.certificate import Certificate, Clearance, CorridorMargin
+from pipeline.plan.plan import SOLVED, WITHOUT_GAP, Plan
+from pipeline.plan.recheck import Rechecked
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 

@@ -14,8 +14,8 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import Draft, certified_plan
 from pipeline.plan.document import plan_document, write_plan
+from pipeline.plan.judge import Draft, certified_plan
 from pipeline.scenario import Scenario, draw
 
 SCENARIO = draw("rings", 0, 10, 3, Problem())

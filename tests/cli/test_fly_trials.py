@@ -20,8 +20,8 @@ from pipeline.flight.summary import Summary
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Requirements, RiskLimit
 from pipeline.plan.document import write_plan
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 

@@ -21,7 +21,8 @@ from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import SOLVED, UNSAFE, Requirements, RiskLimit
+from pipeline.plan.plan import SOLVED, UNSAFE
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.network import NetworkPlanner, Seeded

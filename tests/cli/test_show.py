@@ -6,8 +6,8 @@ import pytest
 
 from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Draft, certified_plan
 from pipeline.plan.document import plan_document, write_plan
+from pipeline.plan.judge import Draft, certified_plan
 from pipeline.scenario import draw
 
 SCENARIO = draw("rings", 0, 10, 3, Problem())

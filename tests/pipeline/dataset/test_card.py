@@ -37,7 +37,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import mean_motion_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/dataset.md").read_text(encoding="utf-8")

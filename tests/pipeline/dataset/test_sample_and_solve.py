@@ -26,7 +26,7 @@ from pipeline.expert import solve as solve_scenario
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import draw
 from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import Folder

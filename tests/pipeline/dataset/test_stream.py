@@ -20,7 +20,7 @@ from pipeline.networks.architecture import find, recipe_for
 from pipeline.networks.encoding import fit
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.plan import AT_ALL_TIMES
+from pipeline.plan.requirements import AT_ALL_TIMES
 from pipeline.storage import MANIFEST
 from pipeline.storage.shards import digest_of, encode
 from pipeline.training.data import Preparation, batches

@@ -17,7 +17,7 @@ from pipeline.dataset.verifying import is_sound_shard, repair, verify
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.scenario import Scenario
 from pipeline.storage import COPY, MANIFEST
 from pipeline.storage.folder import open_folder

@@ -15,7 +15,7 @@ from pipeline.expert import decoupled_optima
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, straight_line
 from pipeline.parallel.workers import Workers
-from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 

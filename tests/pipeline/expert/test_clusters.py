@@ -9,7 +9,8 @@ from pipeline.expert.solvers import SOLVERS, by_simplex
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import SOLVED, Requirements
+from pipeline.plan.plan import SOLVED
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import draw
 
 RNG = np.random.default_rng(5)

@@ -14,8 +14,10 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import track
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, recheck
 from pipeline.plan.document import plan_document, read_plan, write_plan
+from pipeline.plan.plan import Plan
+from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, diagnostics
 from pipeline.scenario.document import document_of

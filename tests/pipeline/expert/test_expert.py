@@ -22,7 +22,8 @@ from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly
-from pipeline.plan import AT_ALL_TIMES, INFEASIBLE, SOLVED, UNSOLVED, Requirements
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import Expert
 from pipeline.planners.network import Seeded
 from pipeline.scenario import FAMILIES, Scenario, draw

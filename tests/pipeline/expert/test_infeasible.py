@@ -11,7 +11,8 @@ from pipeline.expert import solve
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.plan import INFEASIBLE, SOLVED, Requirements
+from pipeline.plan.plan import INFEASIBLE, SOLVED
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.named import NAMES, named_planner
 from pipeline.scenario import Scenario, check, diagnostics, draw
 from pipeline.scenario.spacecraft import Spacecraft

@@ -13,8 +13,10 @@ from pipeline.flight.world import Conditions, in_world
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.participants import Obstacle, Participants
 from pipeline.orbit.problem import Problem
-from pipeline.plan import AT_ALL_TIMES, Plan, Requirements, RiskLimit, recheck
 from pipeline.plan.document import plan_document, read_plan, write_plan
+from pipeline.plan.plan import Plan
+from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner

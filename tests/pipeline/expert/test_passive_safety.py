@@ -16,7 +16,9 @@ from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, meet_goal
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Draft, Requirements, certified_plan
+from pipeline.plan.judge import Draft, certified_plan
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import BASELINES
 from pipeline.scenario import FAMILIES, Scenario, draw
 

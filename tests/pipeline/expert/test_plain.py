@@ -16,7 +16,7 @@ from pipeline.expert.seeds import decoupled_seed, line_seed
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import draw
 
 N = 10

@@ -14,7 +14,8 @@ from pipeline.errors import InputError
 from pipeline.expert import EFFORTS, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import INFEASIBLE, SOLVED, UNSOLVED, Requirements, RiskLimit
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import Scenario, draw
 
 PROBLEM = Problem()

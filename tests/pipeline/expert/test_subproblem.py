@@ -18,7 +18,7 @@ from pipeline.expert.subproblem import Subproblem, UnsolvableError
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
-from pipeline.plan import AT_ALL_TIMES
+from pipeline.plan.requirements import AT_ALL_TIMES
 from pipeline.scenario import draw
 
 

@@ -19,7 +19,7 @@ from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
 from pipeline.orbit.thrust_cost import conjugate_bound, cost, support_bound
-from pipeline.plan import INFEASIBLE, SOLVED
+from pipeline.plan.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.reach import REACHABLE
 from pipeline.scenario.spacecraft import Spacecraft

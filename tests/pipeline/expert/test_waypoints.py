@@ -16,9 +16,10 @@ from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
 from pipeline.plan.document import plan_document, read_plan, write_plan
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE
 from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, diagnostics, draw

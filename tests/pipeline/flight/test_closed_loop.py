@@ -20,7 +20,7 @@ from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import Expert
 from pipeline.planners.named import named_planner
 from pipeline.planners.network import NetworkPlanner

@@ -16,7 +16,7 @@ from pipeline.flight.trials import feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.plan import AT_ALL_TIMES, Requirements
+from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import Expert
 from pipeline.planners.named import NAMES, named_planner
 from pipeline.planners.planner import requiring

@@ -27,7 +27,7 @@ from pipeline.orbit.corridors import Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.document import document_of
 from pipeline.scenario.spacecraft import Spacecraft

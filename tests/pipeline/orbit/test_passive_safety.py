@@ -12,7 +12,7 @@ from pipeline.orbit.passive_safety import least_after_loss, loss_encounters, una
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.plan import Requirements
+from pipeline.plan.requirements import Requirements
 
 PERIOD = 2 * np.pi / Problem().mean_motion
 

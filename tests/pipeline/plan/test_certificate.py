@@ -8,17 +8,11 @@ import pytest
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.plan import (
-    SOLVED,
-    UNSAFE,
-    UNSOLVED,
-    Draft,
-    Requirements,
-    certified_plan,
-    certify,
-    gap_of,
-)
+from pipeline.plan.certificate import certify, gap_of
 from pipeline.plan.document import plan_document
+from pipeline.plan.judge import Draft, certified_plan
+from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED
+from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario
 
 FREE = Problem(mean_motion=1e-12, time_step=10.0, nodes=4)

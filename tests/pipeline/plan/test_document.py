@@ -9,8 +9,9 @@ from judge import judge_plan
 from pipeline.errors import InputError
 from pipeline.expert import solve, within_risk
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Draft, Requirements, RiskLimit, certified_plan
 from pipeline.plan.document import read_plan, write_plan
+from pipeline.plan.judge import Draft, certified_plan
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw

@@ -7,17 +7,10 @@ import pytest
 
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import (
-    SOLVED,
-    UNSAFE,
-    UNSOLVED,
-    Plan,
-    Requirements,
-    RiskLimit,
-    certify,
-    violations,
-    with_status,
-)
+from pipeline.plan.certificate import certify
+from pipeline.plan.judge import violations, with_status
+from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import Scenario
 
 PROBLEM = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)

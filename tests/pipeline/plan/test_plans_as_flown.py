@@ -11,9 +11,11 @@ from pipeline.errors import InputError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import SOLVED, Requirements, recheck
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.plan.judge import check_states
+from pipeline.plan.plan import SOLVED
+from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment

@@ -10,17 +10,11 @@ from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import (
-    SOLVED,
-    UNSOLVED,
-    Draft,
-    Requirements,
-    RiskLimit,
-    certified_plan,
-    recheck,
-    summary,
-)
 from pipeline.plan.document import plan_document
+from pipeline.plan.judge import Draft, certified_plan
+from pipeline.plan.plan import SOLVED, UNSOLVED, summary
+from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show.tables import certificate_rows, verdict

@@ -23,7 +23,9 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Requirements, RiskLimit, recheck
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
+from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.planners.as_flown import LIMIT_SHARE, AsFlown
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment

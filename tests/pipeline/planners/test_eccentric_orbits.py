@@ -15,7 +15,8 @@ from pipeline.orbit.passive_safety import least_after_loss, unavoidable_encounte
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.plan import INFEASIBLE, SOLVED, Requirements, RiskLimit
+from pipeline.plan.plan import INFEASIBLE, SOLVED
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.planners.named import named_planner
 from pipeline.scenario import draw
 

@@ -13,8 +13,8 @@ from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.orbit.problem import Problem
-from pipeline.plan import SOLVED, UNSAFE
 from pipeline.plan.document import write_plan
+from pipeline.plan.plan import SOLVED, UNSAFE
 from pipeline.planners import network
 from pipeline.planners.named import named_planner
 from pipeline.planners.network import FallbackPlanner, NetworkPlanner

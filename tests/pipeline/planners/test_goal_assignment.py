@@ -11,7 +11,8 @@ from judged import document
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.plan import INFEASIBLE, SOLVED, UNSAFE, Requirements
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment, decoupled_costs, ranked
 from pipeline.planners.named import named_planner

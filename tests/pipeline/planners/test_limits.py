@@ -6,7 +6,7 @@ import pytest
 from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
-from pipeline.plan import INFEASIBLE, SOLVED
+from pipeline.plan.plan import INFEASIBLE, SOLVED
 from pipeline.planners.named import NAMES, named_planner
 from pipeline.scenario import Scenario
 

@@ -16,8 +16,10 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
-from pipeline.plan import SOLVED, UNSAFE, Requirements, recheck
 from pipeline.plan.document import plan_document, read_plan, write_plan
+from pipeline.plan.plan import SOLVED, UNSAFE
+from pipeline.plan.recheck import recheck
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner

@@ -15,7 +15,8 @@ from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import fly, minimum_energy
-from pipeline.plan import SOLVED, UNSAFE, Requirements
+from pipeline.plan.plan import SOLVED, UNSAFE
+from pipeline.plan.requirements import Requirements
 from pipeline.planners.network import NetworkPlanner, check_problem
 from pipeline.scenario import Scenario, draw
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.documents import document_from
 from pipeline.expert import solve
 from pipeline.orbit.covariance import Uncertainty
-from pipeline.plan import Certificate, Clearance, Risk
+from pipeline.plan.certificate import Certificate, Clearance, Risk
 from pipeline.plan.document import PlanDocument
 from pipeline.scenario import diagnostics
 from pipeline.scenario.document import ScenarioDocument

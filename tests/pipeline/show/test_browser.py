@@ -15,7 +15,7 @@ from pipeline.expert import decoupled_optima, solve
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.plan import Draft, certified_plan
+from pipeline.plan.judge import Draft, certified_plan
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show import write_page
