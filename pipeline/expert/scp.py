@@ -47,8 +47,7 @@ from pipeline.expert.settings import Settings
 from pipeline.expert.solvers import SOLVERS
 from pipeline.expert.subproblem import Basis, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
-from pipeline.orbit.arrays import Controls, CraftMask, Indices, Values, Vectors
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, CraftMask, Indices, Values, Vectors, norm
 from pipeline.orbit.thrust_cost import exceeded_limits
 from pipeline.orbit.transfer import fly, meet_goal, transfer_maps
 from pipeline.plan.certificate import gap_of

@@ -12,8 +12,7 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.flight.least_distances import LeastDistances, Surroundings
 from pipeline.flight.world import Conditions, LinearWorld, World, problem_in, world_of
-from pipeline.orbit.arrays import Controls, Formation, States
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, Formation, States, norm
 from pipeline.orbit.nonlinear import least_after_loss_nonlinear
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.reference import radius_at

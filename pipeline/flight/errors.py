@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_whole
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import norm
 from pipeline.orbit.covariance import (
     MAX_ERRORS,
     NO_BURN,

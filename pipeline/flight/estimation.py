@@ -14,7 +14,7 @@ that craft is initialized anew from this estimate.
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import norm
 from pipeline.orbit.covariance import (
     Uncertainty,
     burn_deviation,

@@ -13,8 +13,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.flight.world import HeldControls
 from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches
-from pipeline.orbit.arrays import Formation, Indices, Values, Vectors
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Formation, Indices, Values, Vectors, norm
 from pipeline.orbit.covariance import Uncertainty, burn_deviation, standard_deviation
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem

@@ -9,8 +9,7 @@ from pipeline.arrays import Array, Bool, Float, Int, plain
 from pipeline.flight.errors import Draws, Errors, Loss, burns_made, lost_thrust, navigation_errors
 from pipeline.flight.least_distances import LeastDistances, Surroundings
 from pipeline.flight.world import World
-from pipeline.orbit.arrays import Controls, States
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, States, norm
 from pipeline.orbit.feedback import feedback_gains
 from pipeline.orbit.nearest import nearest, smaller_separation
 from pipeline.orbit.problem import Problem

@@ -18,6 +18,7 @@ from pipeline.orbit.arrays import (
     Values,
     Vector,
     Vectors,
+    norm,
 )
 from pipeline.orbit.bezier import (
     NO_LENGTH,
@@ -25,7 +26,6 @@ from pipeline.orbit.bezier import (
     chord_bound,
     equal_parts,
     hermite_bezier,
-    norm,
 )
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.partition import (

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.arrays import Array, Bool, Float, Int, namespace
 
 Formation = Float[Array, "n 6"]
 States = Float[Array, "n T 6"]
@@ -40,6 +40,13 @@ def mapped(
 ) -> Float[Array, "*all i"]:
     """Apply to each row the one matrix, or that of its interval."""
     return rows @ maps.T if maps.ndim == 2 else np.matvec(maps, rows)
+
+
+def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
+    """Euclidean norm along the last axis of an array or tensor."""
+    if isinstance(a, np.ndarray):
+        return np.sqrt(np.vecdot(a, a))
+    return namespace(a).linalg.vector_norm(a, dim=-1)
 
 
 SomeRows = TypeVar("SomeRows", bound="Rows")

@@ -1,11 +1,11 @@
 """Cubic Bezier curves, and their least distance from the origin by branch and bound."""
 
 from math import comb
-from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, Int, namespace
+from pipeline.arrays import Array, Float, Int
+from pipeline.orbit.arrays import norm
 
 # Rows are mapped one by one: rounding in a matrix product depends on the number of rows, and no
 # plan may depend on what is planned beside it.
@@ -51,13 +51,6 @@ for _part, _point in np.ndindex(4, 4):
     for _end in [_part + 1] * _point + [_part] * (3 - _point):
         _weights = (1 - _end / 4) * _weights[:-1] + _end / 4 * _weights[1:]
     EQUAL_PARTS[4 * _part + _point] = _weights[0]
-
-
-def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
-    """Euclidean norm along the last axis of an array or tensor."""
-    if isinstance(a, np.ndarray):
-        return np.sqrt(np.vecdot(a, a))
-    return namespace(a).linalg.vector_norm(a, dim=-1)
 
 
 def hermite_bezier(

@@ -7,8 +7,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.arrays import Controls, Indices, Values
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, Indices, Values, norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
 

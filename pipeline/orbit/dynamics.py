@@ -7,8 +7,7 @@ from math import factorial
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector, norm
 from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
 

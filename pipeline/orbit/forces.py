@@ -6,8 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Array, ArrayOrNumber, Float
 from pipeline.errors import InputError
-from pipeline.orbit.arrays import AnyState, Scalar, Vector
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import AnyState, Scalar, Vector, norm
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 
 EARTH_RATE = 7.292115e-5  # of the Earth's rotation, about the inertial z axis, rad/s

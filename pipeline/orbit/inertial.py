@@ -6,8 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
-from pipeline.orbit.arrays import AnyState, Rows, Scalar, Vector
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import AnyState, Rows, Scalar, Vector, norm
 from pipeline.orbit.reference import MU_EARTH
 
 UNDEFINED = 1e-15  # sine of the inclination, or eccentricity, up to which it is rounding of 0

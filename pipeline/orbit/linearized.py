@@ -14,8 +14,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit import chebyshev
-from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector, norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit

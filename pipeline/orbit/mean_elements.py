@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation, PerCraft, Rows
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Formation, PerCraft, Rows, norm
 from pipeline.orbit.forces import oblateness
 from pipeline.orbit.inertial import lvlh_axes
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH

@@ -12,7 +12,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int, like, namespace, plain
 from pipeline.orbit.approaches import TOLERANCE
-from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, norm, point_on
+from pipeline.orbit.arrays import norm
+from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
 from pipeline.orbit.partition import SwarmPartition, least_of_each, swarm_partition
 from pipeline.orbit.separation import Separation

@@ -15,8 +15,7 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit import chebyshev
-from pipeline.orbit.arrays import Controls, Formation, PerCraft, States
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, Formation, PerCraft, States, norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_margin
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics

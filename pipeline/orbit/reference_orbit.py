@@ -10,8 +10,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_finite, check_kind, check_range
 from pipeline.orbit import forces
-from pipeline.orbit.arrays import AnyState, PerCraft, Scalar, Values, Vector
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import AnyState, PerCraft, Scalar, Values, Vector, norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
 from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.mean_elements import mean_states, osculating_states

@@ -15,8 +15,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit import mean_elements
-from pipeline.orbit.arrays import AnyState, Formation, PerCraft, Scalar
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import AnyState, Formation, PerCraft, Scalar, norm
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.inertial import Frame
 from pipeline.orbit.mean_elements import PlanarElements

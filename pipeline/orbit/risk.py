@@ -19,8 +19,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.orbit.approaches import Approaches, close_approaches
-from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors, norm
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
 from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem

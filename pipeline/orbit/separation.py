@@ -8,8 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import TOLERANCE, Approaches, close_approaches
-from pipeline.orbit.arrays import Controls, Indices, States
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, Indices, States, norm
 from pipeline.orbit.partition import FEW, SwarmPartition, least_of_each, pairs, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import free_drift

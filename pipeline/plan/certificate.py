@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.orbit.arrays import Controls, PerCraft, States
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, PerCraft, States, norm
 from pipeline.orbit.corridors import Faces, margins
 from pipeline.orbit.covariance import Uncertainty
 from pipeline.orbit.nearest import Nearest

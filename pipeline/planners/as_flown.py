@@ -17,8 +17,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.batch import Batch
-from pipeline.orbit.arrays import Controls, CraftMask, States, Values
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, CraftMask, States, Values, norm
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem

@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.orbit.approaches import TOLERANCE, close_approaches
-from pipeline.orbit.arrays import Controls, Formation, States, Values
-from pipeline.orbit.bezier import norm
+from pipeline.orbit.arrays import Controls, Formation, States, Values, norm
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.problem import Problem
