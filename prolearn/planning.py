@@ -9,16 +9,9 @@ from matplotlib.figure import Figure
 from cli.jobs.planner import planner_of
 from pipeline.errors import InputError, check_each, check_kind, check_range
 from pipeline.expert.settings import Effort
-from pipeline.flight.effects import Effect, effects, refuse_distance
+from pipeline.flight.effects import Effect, effects
 from pipeline.flight.errors import COLD_GAS, Errors
-from pipeline.flight.loops import (
-    MOST_SIGMAS,
-    SIGMAS,
-    TrialSettings,
-    flight_loops,
-    fly_loops,
-    refuse_replanning,
-)
+from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, TrialSettings, flight_loops, fly_loops
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
@@ -194,13 +187,11 @@ def monte_carlo(
     check_kind("errors", errors, Errors)
     check_kind("replan", replan, str | Planner | None)
     asked = plan.scenario
-    refuse_distance(asked, plan.controls)
     check_range("size", size, 0.0, FURTHEST)
     check_range("sigmas", sigmas, 0.0, MOST_SIGMAS)
     planner, with_feedback = None, replan == "feedback"
-    if replan is not None:
-        refuse_replanning(plan, with_feedback=with_feedback)
-        planner = None if with_feedback else _planner_from(replan, plan.requirements)
+    if replan is not None and not with_feedback:
+        planner = _planner_from(replan, plan.requirements)
     world = world_of(asked, _conditions_about(asked, conditions))
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     flown = fly_loops(TrialSettings(asked, world, errors, seed), loops, trials)

@@ -10,15 +10,8 @@ from cli.settings import FlownTrials
 from pipeline.errors import InputError, check_range
 from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
-from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors
-from pipeline.flight.loops import (
-    MOST_SIGMAS,
-    SIGMAS,
-    TrialSettings,
-    flight_loops,
-    refuse_replanning,
-)
+from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, TrialSettings, flight_loops
 from pipeline.flight.montecarlo import fly_all
 from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import Conditions, LinearWorld, World, world_of
@@ -45,8 +38,6 @@ def fly_trials(
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
     world = _world(scenario, conditions, settings)
     with_feedback, planner = settings.replan == "feedback", None
-    if settings.replan != "none":
-        refuse_replanning(plan, with_feedback=with_feedback)
     if settings.replan == "every-node":
         planner = planner_of(settings.planner, plan.requirements, settings.effort)
     if out.exists() and not out.is_dir():
@@ -54,7 +45,6 @@ def fly_trials(
     check_range("--size", size, 0.0, FURTHEST)
     sigmas = SIGMAS if settings.sigmas is None else settings.sigmas
     check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)
-    refuse_distance(scenario, plan.controls)
     trial_settings = TrialSettings(scenario, world, errors, settings.seed)
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
     tables = fly_all(out, trial_settings, loops, trials, workers=workers, progress=progress)

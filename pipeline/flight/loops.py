@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.errors import InputError, check_whole
 from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
 from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without_craft
+from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
 from pipeline.flight.trials import Trials, feedback, fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, World
@@ -54,10 +55,14 @@ def flight_loops(
     """The loops of a plan: open, on request feedback, and with a planner replanned and with margin.
 
     The last one keeps ``sigmas`` standard deviations of ``errors`` beyond the collision radius.
-    InputError where a craft may lose its thrust and is alone, there are sizes or corridors, or the
-    planner cannot plan for the other craft.
+    InputError where the controls lead too far away, or corrections and planning anew cannot keep
+    what the plan keeps; and, where a craft may lose its thrust, for one that is alone, sizes or
+    corridors, or a planner that cannot plan for the others.
     """
     scenario = plan.scenario
+    refuse_distance(scenario, plan.controls)
+    if planner is not None or with_feedback:
+        _refuse_replanning(plan, with_feedback=with_feedback)
     if errors.lost > 0:
         if scenario.n == 1:
             raise InputError(
@@ -141,7 +146,7 @@ def fly_loops(of: TrialSettings, loops: Sequence[Loop], trials: int) -> dict[str
     return found
 
 
-def refuse_replanning(plan: Plan, *, with_feedback: bool = False) -> None:
+def _refuse_replanning(plan: Plan, *, with_feedback: bool) -> None:
     """Raise InputError for sizes, limits of thrust or a risk that replanning cannot keep."""
     if plan.scenario.unlike:
         raise InputError(
