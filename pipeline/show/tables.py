@@ -1,6 +1,7 @@
 """The verdict and the tables of a plan's page, as text."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pipeline.figures.labels import MISSING, error, number
@@ -14,7 +15,7 @@ from pipeline.plan.recheck import Rechecked
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
 
-TableRows = list[tuple[str, str]]
+TableRows = Iterator[tuple[str, str]]  # labels, and values with their units
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def verdict(shown: Rechecked, claimed_status: str) -> Verdict:
 
 
 def certificate_rows(plan: Plan, status: str) -> TableRows:
-    """The certificate: labels, and numbers with their units."""
+    """The certificate."""
     found, thrust = plan.certificate, plan.scenario.problem.thrust
     fuel = f"Fuel, {thrust.total}" + " (Eq. 4)" * (thrust.model == COMPONENTS)
     gap = f"at most {100 * found.optimality_gap:z.2f} %"
@@ -76,24 +77,25 @@ def certificate_rows(plan: Plan, status: str) -> TableRows:
         gap = MISSING
     elif not math.isfinite(found.optimality_gap):
         gap = "unknown: the bound is no more than rounding"
-    return [
-        ("It holds for", _motion(plan)),
-        (fuel, f"{found.fuel:.6g} m/s²"),
-        ("Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"),
-        ("Lower bound on fuel (from the file)", f"{found.fuel_lower_bound:.6g} m/s²"),
-        ("Gap to that bound", gap),
-        ("How the bound is proven", found.fuel_lower_bound_proof or MISSING),
-        *_thrust_rows(found),
-        *_separation_rows(found),
-        *_clearance_rows("Least clearance by sizes", found.clearance),
-        *_corridor_rows(found.corridor),
-        *_risk_rows(found),
-        *_passive_safety_rows(found),
-        ("Goal missed by, position", f"{error(found.goal_error)} m"),
-        ("Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"),
-        *_waypoint_rows(found),
-        ("Dynamics violated by, at most", f"{error(found.dynamics_error)} m"),
-    ]
+    yield "It holds for", _motion(plan)
+    yield fuel, f"{found.fuel:.6g} m/s²"
+    yield "Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"
+    yield "Lower bound on fuel (from the file)", f"{found.fuel_lower_bound:.6g} m/s²"
+    yield "Gap to that bound", gap
+    yield "How the bound is proven", found.fuel_lower_bound_proof or MISSING
+    yield from _thrust_rows(found)
+    yield from _separation_rows(found)
+    yield from _clearance_rows("Least clearance by sizes", found.clearance)
+    yield from _corridor_rows(found.corridor)
+    yield from _risk_rows(found)
+    yield from _passive_safety_rows(found)
+    yield "Goal missed by, position", f"{error(found.goal_error)} m"
+    yield "Goal missed by, velocity", f"{error(found.goal_velocity_error)} m/s"
+    if found.waypoint_error is not None:
+        yield "Waypoints missed by, position", f"{error(found.waypoint_error)} m"
+    if found.waypoint_velocity_error is not None:
+        yield "Waypoints missed by, velocity", f"{error(found.waypoint_velocity_error)} m/s"
+    yield "Dynamics violated by, at most", f"{error(found.dynamics_error)} m"
 
 
 def _motion(plan: Plan) -> str:
@@ -113,77 +115,51 @@ def motion(plan: Plan) -> str:
 
 def _thrust_rows(found: Certificate) -> TableRows:
     """The largest share of its Δv that a craft burns, and the smallest burn, if asked for."""
-    rows = []
     if (share := found.largest_share) is not None:
         most = f"{share.share:.3%}, of craft {share.craft}"
-        rows = [
-            ("Largest share of its Δv that a craft burns", most),
-            ("In no plan is it less than, by the file", f"{share.bound:.3%}"),
-        ]
+        yield "Largest share of its Δv that a craft burns", most
+        yield "In no plan is it less than, by the file", f"{share.bound:.3%}"
     if (burn := found.smallest_burn) is not None:
         least = "no burn" if burn.least is None else f"{1e3 * burn.least:.6g} mm/s"
+        yield "Smallest burn", f"{least}; asked for {1e3 * burn.asked:g} mm/s"
         bare = MISSING if burn.fuel_without is None else f"{burn.fuel_without:.6g} m/s²"
-        rows += [
-            ("Smallest burn", f"{least}; asked for {1e3 * burn.asked:g} mm/s"),
-            ("Fuel without a smallest burn, by the file", bare),
-        ]
-    return rows
+        yield "Fuel without a smallest burn, by the file", bare
 
 
 def _separation_rows(found: Certificate) -> TableRows:
     if found.min_separation_pair is None or found.min_separation_bound is None:
-        return [("Least separation", "one craft, no pair")]
+        yield "Least separation", "one craft, no pair"
+        return
     i, j = found.min_separation_pair
-    return [
-        ("Least separation at any time", f"{found.min_separation:.4f} m"),
-        ("Between", f"craft {i} and {j}"),
-        ("When", f"{found.min_separation_time:.1f} s"),
-        ("Proven: no pair is ever closer than", f"{_down(found.min_separation_bound)} m"),
-        ("Pairs and nodes within r_col (Eq. 5)", str(found.node_collisions)),
-    ]
+    yield "Least separation at any time", f"{found.min_separation:.4f} m"
+    yield "Between", f"craft {i} and {j}"
+    yield "When", f"{found.min_separation_time:.1f} s"
+    yield "Proven: no pair is ever closer than", f"{_down(found.min_separation_bound)} m"
+    yield "Pairs and nodes within r_col (Eq. 5)", str(found.node_collisions)
 
 
 def _clearance_rows(label: str, clear: Clearance | None) -> TableRows:
     """The least distance of participants beyond what their sizes ask for, where these differ."""
-    if clear is None:
-        return []
-    other = clear.other if isinstance(clear.other, str) else f"craft {clear.other}"
-    lost = "" if clear.node is None else f", adrift from node {clear.node},"
-    return [
-        (label, f"{clear.min_clearance:.4f} m"),
-        ("Between", f"craft {clear.craft}{lost} and {other}, at {clear.time:.1f} s"),
-        ("Proven: never less than", f"{_down(clear.min_clearance_bound)} m"),
-    ]
+    if clear is not None:
+        other = clear.other if isinstance(clear.other, str) else f"craft {clear.other}"
+        lost = "" if clear.node is None else f", adrift from node {clear.node},"
+        yield label, f"{clear.min_clearance:.4f} m"
+        yield "Between", f"craft {clear.craft}{lost} and {other}, at {clear.time:.1f} s"
+        yield "Proven: never less than", f"{_down(clear.min_clearance_bound)} m"
 
 
 def _corridor_rows(inside: CorridorMargin | None) -> TableRows:
-    if inside is None:
-        return []
-    where = f"craft {inside.craft} in corridor {inside.corridor}, at {inside.time:.1f} s"
-    return [
-        ("Least distance inside of a corridor", f"{inside.min_margin:.4f} m"),
-        ("Of", where),
-        ("Proven: never less than", f"{_down(inside.min_margin_bound)} m"),
-    ]
-
-
-def _waypoint_rows(found: Certificate) -> TableRows:
-    errors = (
-        ("position", "m", found.waypoint_error),
-        ("velocity", "m/s", found.waypoint_velocity_error),
-    )
-    return [
-        (f"Waypoints missed by, {of}", f"{error(missed)} {unit}")
-        for of, unit, missed in errors
-        if missed is not None
-    ]
+    if inside is not None:
+        yield "Least distance inside of a corridor", f"{inside.min_margin:.4f} m"
+        yield "Of", f"craft {inside.craft} in corridor {inside.corridor}, at {inside.time:.1f} s"
+        yield "Proven: never less than", f"{_down(inside.min_margin_bound)} m"
 
 
 def _risk_rows(found: Certificate) -> TableRows:
     """The risk, if it was limited, and the errors that it refers to."""
     risk = found.risk
     if risk is None:
-        return []
+        return
     errors = risk.uncertainty
     sigmas = (
         f"position {errors.position:g} m, velocity {errors.velocity:.3g} m/s, thrust "
@@ -196,41 +172,32 @@ def _risk_rows(found: Certificate) -> TableRows:
         sigmas += f"; {fixed:.3g} m/s of any burn"
     without = MISSING if risk.fuel_without is None else f"{risk.fuel_without:.6g} m/s²"
     feedback, how = risk.feedback, "in open loop" if risk.feedback is None else "with feedback"
-    corrections: TableRows = []
+    yield f"Risk of a pair within r_col {how}, at most", f"{risk.bound:.3g}"
     if feedback is not None:
-        corrections = [
-            ("Part of it: corrections beyond the thrust limit", f"{feedback.saturation:.3g}"),
-            ("Mean Δv of corrections, Σ‖u‖₁Δt", f"{feedback.delta_v:.6g} m/s"),
-        ]
-    return [
-        (f"Risk of a pair within r_col {how}, at most", f"{risk.bound:.3g}"),
-        *corrections,
-        ("Asked for", f"{risk.asked:g}"),
-        ("Standard deviations of errors", sigmas),
-        ("Fuel without a limit on risk", without),
-    ]
+        yield "Part of it: corrections beyond the thrust limit", f"{feedback.saturation:.3g}"
+        yield "Mean Δv of corrections, Σ‖u‖₁Δt", f"{feedback.delta_v:.6g} m/s"
+    yield "Asked for", f"{risk.asked:g}"
+    yield "Standard deviations of errors", sigmas
+    yield "Fuel without a limit on risk", without
 
 
 def _passive_safety_rows(found: Certificate) -> TableRows:
     drifting = found.passive_safety
     if drifting is None:
-        return []
-    clear = _clearance_rows("Least clearance after a loss of thrust", drifting.clearance)
-    if drifting.pair is None or drifting.min_separation_bound is None:
-        return clear
-    (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbit{'s' * (drifting.orbits != 1)}"
-    bound = _down(drifting.min_separation_bound)
-    return [
-        (f"Least separation after a loss of thrust, {orbits}", f"{drifting.min_separation:.4f} m"),
-        ("Between", f"craft {i}, adrift from node {drifting.node}, and {j}"),
-        ("When", f"{drifting.time:.1f} s"),
-        ("Proven: no craft adrift is ever closer than", f"{bound} m"),
-        *clear,
-    ]
+        return
+    if drifting.pair is not None and drifting.min_separation_bound is not None:
+        (i, j), orbits = drifting.pair, f"{drifting.orbits:g} orbit{'s' * (drifting.orbits != 1)}"
+        least = f"{drifting.min_separation:.4f} m"
+        yield f"Least separation after a loss of thrust, {orbits}", least
+        yield "Between", f"craft {i}, adrift from node {drifting.node}, and {j}"
+        yield "When", f"{drifting.time:.1f} s"
+        bound = _down(drifting.min_separation_bound)
+        yield "Proven: no craft adrift is ever closer than", f"{bound} m"
+    yield from _clearance_rows("Least clearance after a loss of thrust", drifting.clearance)
 
 
 def scenario_rows(scenario: Scenario) -> TableRows:
-    """The scenario: labels, and values with their units."""
+    """The scenario."""
     problem = scenario.problem
     steps = f"{problem.intervals} intervals of {problem.time_step:g} s"
     limit = _milli(problem.max_acceleration, "mm/s²", "none")
@@ -238,30 +205,20 @@ def scenario_rows(scenario: Scenario) -> TableRows:
     altitude = radius_at(problem.mean_motion) * (1 - eccentricity) - R_EARTH
     lowest = "at perigee " if eccentricity else ""
     about = f", {lowest}{number(altitude / 1000)} km above the Earth" if altitude > 0 else ""
-    return [
-        ("Craft", str(scenario.n)),
-        ("Transfer", f"{problem.duration:g} s in {steps}"),
-        ("Collision radius r_col", f"{problem.collision_radius:g} m"),
-        ("Limit on each component of thrust", limit),
-        *_limit_rows(scenario),
-        ("Mean motion of the reference orbit", f"{problem.mean_motion:.6g} rad/s"),
-        ("Its period", f"{2 * math.pi / problem.mean_motion / 60:.1f} min{about}"),
-        *_orbit_rows(problem.orbit),
-        *_size_rows(scenario),
-    ]
-
-
-def _size_rows(scenario: Scenario) -> TableRows:
-    inside = [(f"Corridor {k}", _corridor(one)) for k, one in enumerate(scenario.corridors)]
-    if not scenario.sized:
-        return inside
-    radii = ", ".join(f"{one:g}" for one in scenario.radii)
-    held = {True: "held", False: "drifts"}
-    return [
-        ("Radii of craft", f"{radii} m"),
-        *(("Keep clear of", f"{one}, {held[one.hold]}") for one in scenario.obstacles),
-        *inside,
-    ]
+    yield "Craft", str(scenario.n)
+    yield "Transfer", f"{problem.duration:g} s in {steps}"
+    yield "Collision radius r_col", f"{problem.collision_radius:g} m"
+    yield "Limit on each component of thrust", limit
+    yield from _limit_rows(scenario)
+    yield "Mean motion of the reference orbit", f"{problem.mean_motion:.6g} rad/s"
+    yield "Its period", f"{2 * math.pi / problem.mean_motion / 60:.1f} min{about}"
+    yield from _orbit_rows(problem.orbit)
+    if scenario.sized:
+        yield "Radii of craft", f"{', '.join(f'{one:g}' for one in scenario.radii)} m"
+    for obstacle in scenario.obstacles:
+        yield "Keep clear of", f"{obstacle}, {'held' if obstacle.hold else 'drifts'}"
+    for k, one in enumerate(scenario.corridors):
+        yield f"Corridor {k}", _corridor(one)
 
 
 def _corridor(one: Corridor) -> str:
@@ -283,7 +240,7 @@ def _limit_rows(scenario: Scenario) -> TableRows:
         ("Minimized", "the largest share that a craft burns of its Δv" if fair else ""),
         *((f"Craft {k} of its own", _own(one)) for k, one in enumerate(scenario.craft)),
     ]
-    return [row for row in rows if row[1]]
+    yield from (row for row in rows if row[1])
 
 
 def _milli(value: float | None, unit: str, other: str = "") -> str:
@@ -306,26 +263,20 @@ def _windows(no_burn: Windows) -> str:
 
 
 def _orbit_rows(orbit: ReferenceOrbit | None) -> TableRows:
-    if orbit is None:
-        return []
-    shape = f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°"
-    drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"
-    return [
-        ("Osculating eccentricity and inclination", shape),
-        ("Forces", f"{'an oblate Earth (J2)' if orbit.j2 else 'two bodies'}{drag}"),
-    ]
+    if orbit is not None:
+        shape = f"{orbit.eccentricity:g}, {orbit.inclination_deg:g}°"
+        yield "Osculating eccentricity and inclination", shape
+        drag = "" if orbit.ballistic is None else f", drag of {orbit.ballistic:g} m²/kg"
+        yield "Forces", f"{'an oblate Earth (J2)' if orbit.j2 else 'two bodies'}{drag}"
 
 
 def planner_rows(plan: Plan, claimed_status: str) -> TableRows:
     """What the file says of the planner and its run."""
-    rows = [
-        ("Planner", plan.planner),
-        ("Status in the file", claimed_status),
-        ("Joint convex programs", str(plan.convex_solves)),
-    ]
+    yield "Planner", plan.planner
+    yield "Status in the file", claimed_status
+    yield "Joint convex programs", str(plan.convex_solves)
     if "plan" in plan.timing:
-        rows.append(("Time from scenario to controls", f"{number(1000 * plan.timing['plan'])} ms"))
-    return rows
+        yield "Time from scenario to controls", f"{number(1000 * plan.timing['plan'])} ms"
 
 
 def _down(bound: float) -> str:
