@@ -53,7 +53,7 @@ def sample(
     from pipeline.dataset.making import sample as run
     from pipeline.dataset.samples import Sample
     from pipeline.documents import document_in
-    from pipeline.scenario.orbit_document import OrbitDocument
+    from pipeline.scenario.part_documents import OrbitDocument
 
     try:
         train, valid, test = (float(part) for part in shares.split(","))

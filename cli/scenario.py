@@ -108,7 +108,7 @@ def new(
     """
     from pipeline.scenario import draw
     from pipeline.scenario.document import document_of, scenario_from, write_by_hand
-    from pipeline.scenario.orbit_document import OrbitDocument
+    from pipeline.scenario.part_documents import OrbitDocument
 
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")

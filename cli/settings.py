@@ -294,8 +294,8 @@ class InertialFiles:
 
     def scenario(self, problem: "Problem", epoch: str | None, *, j2: bool) -> "Scenario":
         """The scenario of the states on a time grid; InputError for files that do not fit."""
-        from pipeline.scenario.fields import utc
         from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
+        from pipeline.scenario.part_documents import utc
 
         if self.initial is None or self.goal is None:
             raise InputError(

@@ -22,7 +22,7 @@ from pipeline.orbit.thrust import ALONG_AXES, Thrust
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import scenario_from
 from pipeline.scenario.inertial import read_inertial, scenario_from_inertial
-from pipeline.scenario.orbit_document import OrbitDocument
+from pipeline.scenario.part_documents import OrbitDocument
 from pipeline.scenario.scenario import EndKind
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint

@@ -37,7 +37,7 @@ from pipeline.plan.requirements import AT_ALL_TIMES
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
 from pipeline.scenario.families import FAMILIES
-from pipeline.scenario.orbit_document import OrbitDocument
+from pipeline.scenario.part_documents import OrbitDocument
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import read_content
 from pipeline.storage.shared import work_on

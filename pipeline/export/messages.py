@@ -17,7 +17,7 @@ from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.reference import radius_at
 from pipeline.plan.judge import check_states
 from pipeline.plan.plan import Plan
-from pipeline.scenario.orbit_document import OrbitDocument
+from pipeline.scenario.part_documents import OrbitDocument
 from pipeline.text import visible
 
 LONGEST = 100  # characters of a comment's line, and of a plan's name; any line has at most 254

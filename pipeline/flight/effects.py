@@ -24,7 +24,7 @@ from pipeline.plan.judge import POSITION_TOLERANCE, is_passively_safe
 from pipeline.plan.plan import Plan
 from pipeline.plan.requirements import Requirements
 from pipeline.scenario import Scenario, participants
-from pipeline.scenario.orbit_document import OrbitDocument
+from pipeline.scenario.part_documents import OrbitDocument
 
 PLAN = "plan"  # name of the first effect: none, the linear model of the plan
 FURTHEST = 0.01  # largest distance of a plan from the origin, in radii of the reference orbit

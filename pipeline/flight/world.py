@@ -18,7 +18,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.reference_orbit import ReferenceOrbit, check_elements
 from pipeline.scenario import Scenario
-from pipeline.scenario.orbit_document import ANGLES
+from pipeline.scenario.part_documents import ANGLES
 
 TrialStates = Float[Any, "N 6"]
 HeldControls = Float[Any, "N 3"]  # constant over an interval, m/s²

@@ -16,8 +16,7 @@ from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import SeparationKind
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ScenarioDocument, document_of
-from pipeline.scenario.fields import Number, State
-from pipeline.scenario.orbit_document import OrbitDocument
+from pipeline.scenario.part_documents import Number, OrbitDocument, State
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"

@@ -12,16 +12,23 @@ from pipeline.files import path_of, stem_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, mean_motion_at
 from pipeline.orbit.thrust import Objective, Thrust
-from pipeline.scenario.fields import NoBurn, Positive, Triple, Whole, given_fields, one_of
-from pipeline.scenario.orbit_document import ANGLES, OrbitDocument, ReferenceDocument
 from pipeline.scenario.part_documents import (
+    ANGLES,
     CorridorDocument,
     End,
+    NoBurn,
     ObstacleDocument,
+    OrbitDocument,
+    Positive,
+    ReferenceDocument,
     SpacecraftDocument,
+    Triple,
     WaypointDocument,
+    Whole,
     count_of,
     end_states,
+    given_fields,
+    one_of,
 )
 from pipeline.scenario.scenario import EndKind, Scenario
 from pipeline.scenario.validation import check

@@ -21,7 +21,7 @@ from pipeline.orbit.reference import HIGHEST, R_EARTH, Reference
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.scenario.document import document_of, scenario_from
 from pipeline.scenario.oem import FIRST_LINE, LARGEST, Ephemeris, ephemeris_from
-from pipeline.scenario.orbit_document import ANGLES
+from pipeline.scenario.part_documents import ANGLES
 from pipeline.scenario.scenario import MOST_CRAFT, Scenario
 from pipeline.scenario.validation import drifts
 from pipeline.text import visible

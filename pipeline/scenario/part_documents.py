@@ -1,32 +1,130 @@
-"""Parts of a scenario file: rings, single craft, obstacles, corridors and waypoints."""
+"""Parts of a scenario file: reference orbits, rings, single craft, obstacles and the like."""
 
+from dataclasses import fields
+from datetime import UTC, datetime
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, FiniteFloat, Tag, model_validator
+from pydantic_core import to_jsonable_python
 
 from pipeline.documents import Strict
-from pipeline.errors import InputError
+from pipeline.errors import InputError, error_context
 from pipeline.orbit.arrays import Formation, PerCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference import is_epoch
+from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.orbit.rings import ring_states
-from pipeline.scenario.fields import (
-    NoBurn,
-    Number,
-    Positive,
-    State,
-    StateList,
-    Triple,
-    Whole,
-    given_fields,
-    number,
-    one_of,
-)
 from pipeline.scenario.scenario import MOST_CRAFT
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import LATEST, Waypoint
+
+# Of both a reference and an orbit
+ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
+
+
+def one_of(**fields: str) -> dict[str, Any]:
+    """JSON Schema's condition that exactly one of some fields is given, each with its JSON type."""
+    forms = [
+        {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
+    ]
+    return {"oneOf": forms}
+
+
+def number(given: Any) -> Any:
+    """Refuse text and booleans where a number is expected."""
+    if isinstance(given, str | bool):
+        raise ValueError("expected a number, without quotes")
+    return given
+
+
+def given_fields(value: Any) -> dict[str, Any]:
+    """The fields of a dataclass that are not at their defaults, as JSON values."""
+    every = {field.name: (getattr(value, field.name), field.default) for field in fields(value)}
+    return {name: to_jsonable_python(one) for name, (one, usual) in every.items() if one != usual}
+
+
+def utc(given: Any) -> datetime:
+    """The time, UTC, of an ISO 8601 text; ValueError for one without a zone."""
+    try:
+        epoch = datetime.fromisoformat(given)
+    except (TypeError, ValueError):
+        epoch = None
+    if epoch is None or not is_epoch(epoch):
+        raise ValueError("give date, time and zone by ISO 8601, such as 2026-03-01T12:00:00Z")
+    return epoch.astimezone(UTC)
+
+
+Number = Annotated[FiniteFloat, Field(strict=True)]
+Whole = Annotated[int, BeforeValidator(number)]
+Positive = Annotated[Number, Field(gt=0)]
+State = Annotated[list[Number], Field(min_length=6, max_length=6)]
+StateList = Annotated[
+    list[State],
+    Field(min_length=1, description="A state x y z vx vy vz of each craft, LVLH, m and m/s."),
+]
+Triple = tuple[Number, Number, Number]
+NoBurn = Annotated[
+    tuple[tuple[Number, Number], ...],
+    Field(description="Stretches of time, from and to, s since the first node, without burns."),
+]
+
+
+class ReferenceDocument(Strict):
+    """Epoch and orientation of the reference orbit; mean_motion or altitude gives its size.
+
+    The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
+    """
+
+    epoch: Annotated[datetime, BeforeValidator(utc)] = Field(
+        description="Time of the first node by ISO 8601 with a zone, such as 2026-03-01T12:00:00Z."
+    )
+    inclination_deg: Number = Field(ge=0, le=180, description="Inclination, deg.")
+    raan_deg: Number = Field(description="Right ascension of the ascending node, deg.")
+    argument_of_latitude_deg: Number = Field(
+        description="From the ascending node to the LVLH frame's origin at the epoch, deg."
+    )
+
+
+class OrbitDocument(Strict):
+    """A reference orbit that is no circle or has perturbations, with the forces on all craft.
+
+    Osculating elements at the first node. Angles refer to the Earth's mean equator and equinox of
+    J2000 (EME2000).
+    """
+
+    semi_major_axis: Positive = Field(description="Semi-major axis, m.")
+    eccentricity: Number = Field(0.0, ge=0, le=MOST_ECCENTRIC, description="Eccentricity.")
+    inclination_deg: Number = Field(0.0, ge=0, le=180, description="Inclination, deg.")
+    raan_deg: Number = Field(0.0, description="Right ascension of the ascending node, deg.")
+    argument_of_perigee_deg: Number = Field(0.0, description="Argument of perigee, deg.")
+    argument_of_latitude_deg: Number = Field(
+        0.0, description="From the ascending node to the LVLH frame's origin, deg."
+    )
+    j2: bool = Field(True, strict=True, description="Whether the Earth is oblate.")
+    ballistic: Positive | None = Field(
+        None, description="Mean C_D A/m of the swarm, m²/kg; null for no drag."
+    )
+    spread: Number = Field(
+        0.0, description="Relative spread of C_D A/m: first craft less, last more than the mean."
+    )
+
+    @classmethod
+    def of(cls, orbit: ReferenceOrbit) -> "OrbitDocument":
+        """The fields of an orbit; InputError for one whose plan begins after its epoch."""
+        if orbit.start:
+            raise InputError(
+                f"the orbit's start is {orbit.start:g} s after its epoch; expected elements at the "
+                "first node: give those."
+            )
+        return cls(**{name: getattr(orbit, name) for name in cls.model_fields})
+
+    def orbit(self) -> ReferenceOrbit:
+        """The orbit."""
+        with error_context("orbit"):
+            return ReferenceOrbit(**self.model_dump())
 
 
 class RingDocument(

@@ -12,8 +12,7 @@ from pipeline.plan.certificate import Certificate, Clearance, Risk
 from pipeline.plan.document import PlanDocument
 from pipeline.scenario import diagnostics
 from pipeline.scenario.document import ScenarioDocument
-from pipeline.scenario.orbit_document import ReferenceDocument
-from pipeline.scenario.part_documents import ObstacleDocument, RingDocument
+from pipeline.scenario.part_documents import ObstacleDocument, ReferenceDocument, RingDocument
 
 PAGE = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
 

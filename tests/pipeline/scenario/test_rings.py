@@ -13,7 +13,7 @@ from pipeline.orbit.rings import ring_states, secular_drift
 from pipeline.plan.document import read_plan, write_plan
 from pipeline.planners.named import named_planner
 from pipeline.scenario.document import read_scenario, write_by_hand
-from pipeline.scenario.orbit_document import OrbitDocument
+from pipeline.scenario.part_documents import OrbitDocument
 
 E = mean_motion_at(500e3)
 
