@@ -5,7 +5,7 @@ import json
 import platform
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -27,6 +27,7 @@ from registry import entities
 from registry.environment import EVALUATED_BY, changed_since, environment_tags
 from registry.store import EVALUATION, Store, connect, opened, recorded_run
 
+KIND = "optimizer"  # the parameter that tells kinds of an experiment's runs apart, if they have it
 LISTED = 5  # most runs that an error message names
 SEQUENCE = "sequence"  # tag with a run's number in its experiment, from 1, with leading zeros
 DIGITS = 9
@@ -88,7 +89,7 @@ def record(
         (scratch / TABLE).parent.mkdir()
         (scratch / TABLE).write_bytes(content[TABLE])
         tags[SEQUENCE] = _next_number(store, experiment)
-        kind = [str(params["optimizer"])] if "optimizer" in params else []
+        kind = [str(params[KIND])] if KIND in params else []
         name = "-".join([experiment.removeprefix("prolearn-"), *kind])
         with recorded_run(store, experiment, name, tags) as run_id:
             store.client.log_batch(run_id, params=entities.params_of(params))
@@ -104,16 +105,12 @@ def record(
 def earlier_run(
     experiment: str,
     params: Mapping[str, Any],
-    kind: Sequence[str] = (),
     progress: Progress = SILENT,
     made_by: DecidedBy = EVALUATED_BY,
 ) -> str | None:
-    """The newest finished run of an experiment, where it had these parameters and versions.
-
-    ``kind`` names the parameters that tell kinds of runs apart, of which the newest counts.
-    """
+    """The newest finished run of its kind, where it had these parameters and versions."""
     wanted = entities.recorded(params)
-    run = latest(experiment, {name: wanted[name] for name in kind})
+    run = latest(experiment, {name: wanted[name] for name in wanted if name == KIND})
     if run is None or deciding(run.params) != deciding(wanted):
         return None
     if change := changed_since(run.tags, made_by):

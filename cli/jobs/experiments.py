@@ -128,15 +128,13 @@ class HeldOut:
         params: Mapping[str, Any],
         make: Callable[[Path, FinishedParts], pd.DataFrame],
         *,
-        kind: Sequence[str] = (),
         resume: bool,
         progress: Progress,
     ) -> Recorded:
         """Run and record an experiment; with ``resume``, continue or return an earlier run.
 
         ``params`` are parameters beside the settings. ``make`` is given a folder for the run's
-        files and the parts that are finished, and makes the table, a row for each trial. ``kind``
-        names settings that tell kinds of the experiment's runs apart.
+        files and the parts that are finished, and makes the table, a row for each trial.
         """
         weights = [network.model.digest for network in self.networks]
         params = {
@@ -148,7 +146,7 @@ class HeldOut:
             **params,
         }
         by = with_architectures(EVALUATED_BY, (one.model.architecture for one in self.networks))
-        if resume and (earlier := earlier_run(experiment, params, kind, progress, by)):
+        if resume and (earlier := earlier_run(experiment, params, progress, by)):
             return Recorded(earlier, earlier=True)
         decided = {"params": deciding(params), "networks": weights}
         with (
@@ -250,7 +248,7 @@ def warmstart(
         return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
 
     params = {"sizes": listed(scenarios), "seeds": listed(label for label, _ in seeds)}
-    return inputs.run(WARMSTART, params, run, kind=["optimizer"], resume=resume, progress=progress)
+    return inputs.run(WARMSTART, params, run, resume=resume, progress=progress)
 
 
 def transfer_times(
