@@ -31,6 +31,7 @@ from pipeline.scenario.part_documents import (
     one_of,
 )
 from pipeline.scenario.scenario import EndKind, Scenario
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.validation import check
 
 SCHEMA = "prolearn.scenario/1"
@@ -157,7 +158,7 @@ class ScenarioDocument(
             name=name,
             reference=where,
             ends=self.ends,
-            craft=tuple(one.craft() for one in self.craft),
+            craft=tuple(Spacecraft(**one.model_dump()) for one in self.craft),
             waypoints=tuple(way for one in self.waypoints for way in one.waypoints(problem)),
             obstacles=tuple(one.obstacle() for one in self.obstacles),
             corridors=tuple(one.corridor() for one in self.corridors),

@@ -18,7 +18,6 @@ from pipeline.orbit.reference import is_epoch
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.orbit.rings import ring_states
 from pipeline.scenario.scenario import MOST_CRAFT
-from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import LATEST, Waypoint
 
 # Of both a reference and an orbit
@@ -262,10 +261,6 @@ class SpacecraftDocument(Strict):
         description="Radius of the sphere that it takes up, m; null for half of collision_radius. "
         "Two craft must be further apart than the sum of their radii.",
     )
-
-    def craft(self) -> Spacecraft:
-        """The craft."""
-        return Spacecraft(**self.model_dump())
 
 
 class ObstacleDocument(

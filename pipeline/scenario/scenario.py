@@ -66,7 +66,6 @@ class Scenario:
     corridors: Sequence[Corridor] = ()
 
     def __post_init__(self) -> None:
-        """Refuse states that do not describe two formations of the same craft."""
         check_kind("problem", self.problem, Problem)
         check_kind("name", self.name, str)
         check_choice("ends", self.ends, get_args(EndKind))
@@ -101,7 +100,6 @@ class Scenario:
             )
 
     def __repr__(self) -> str:
-        """Name, size and time grid; without the arrays."""
         grid = f"{self.problem.intervals} intervals of {self.problem.time_step:g} s"
         return f"Scenario({', '.join(filter(None, [self.name, f'{self.n} craft', grid]))})"
 

@@ -35,7 +35,6 @@ class Spacecraft:
     radius: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
         fields_as_python(self)
         for name in ("mass", "max_acceleration", "max_acceleration_norm", "delta_v"):
             if (value := getattr(self, name)) is not None:

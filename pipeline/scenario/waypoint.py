@@ -33,7 +33,6 @@ class Waypoint:
     time: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a wrong craft number, or values that are not finite, with an InputError."""
         fields_as_python(self)
         if not is_whole(self.craft):
             raise InputError(f"craft of a waypoint is {self.craft!r}; expected a craft's number.")
