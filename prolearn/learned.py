@@ -21,11 +21,7 @@ def read_dataset(
 ) -> "pa.Table":
     """Rows of a solved dataset, a folder or a URL, by swarm size; docs/dataset.md has the columns.
 
-    Args:
-        where: what ``prolearn solve`` or ``prolearn dataset`` made.
-        n: swarm size.
-        split: train, valid or test; by default all.
-        columns: to read; by default all.
+    By default these are the rows of all splits, train, valid and test, with all columns.
 
     Raises:
         InputError: where there is no dataset, or it has no such rows.

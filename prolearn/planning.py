@@ -98,15 +98,9 @@ def tradeoff(
 ) -> list[Point]:
     """A scenario planned for several transfer times, from the shortest to the longest, s.
 
-    The number of thrust arcs varies, and their length is the scenario's time step.
-
-    Args:
-        scenario: planned for each time.
-        shortest: transfer time, s.
-        longest: transfer time, s.
-        steps: times at most, spread over the range.
-        goal: fixed, or moving: slots that move on along their passive orbits.
-        planner: a planner's name, or a Planner object.
+    There are at most ``steps`` times, spread over the range. The number of thrust arcs varies, and
+    their length is the scenario's time step. Goals are fixed, or slots that move on along their
+    passive orbits.
 
     Raises:
         InputError: for a range without a whole number of arcs, and as in ``plan``.
@@ -119,13 +113,9 @@ def tradeoff(
 def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
     """Fly a plan's controls about an oblate Earth: several flights, each with one effect more.
 
-    The first flight is the plan's own, in the linear model; the last one has all effects.
-
-    Args:
-        plan: whose controls are flown.
-        conditions: reference orbit, by mean elements, and perturbations; by default a frozen,
-            sun-synchronous orbit, or that of the scenario's reference. A scenario with an orbit
-            has its own.
+    The first flight is the plan's own, in the linear model; the last one has all effects. The
+    conditions are a reference orbit, by mean elements, and perturbations: by default a frozen,
+    sun-synchronous orbit, or that of the scenario's reference. A scenario with an orbit has one.
 
     Raises:
         InputError: where the controls lead too far away.
