@@ -185,7 +185,7 @@ def _limited(free: int) -> Iterator[None]:
     import resource
 
     soft, hard = before = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = _kilobytes(Path("/proc/self/status"), "VmData") + free
+    wanted = 1024 * _listed(Path("/proc/self/status"), "VmData:") + free
     limits = [one for one in (wanted, soft, hard) if one != resource.RLIM_INFINITY]
     resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
     try:
@@ -197,25 +197,22 @@ def _limited(free: int) -> Iterator[None]:
 def available() -> int | None:
     """Memory in bytes that is free for this process, or None where the system does not say."""
     try:
-        system = _kilobytes(Path("/proc/meminfo"), "MemAvailable")
+        system = 1024 * _listed(Path("/proc/meminfo"), "MemAvailable:")
     except (OSError, ValueError):
         return None
     try:
-        most, used = (
-            int((CONTROL_GROUP / f"memory.{name}").read_text()) for name in ("max", "current")
-        )
-        stat = dict(
-            line.split() for line in (CONTROL_GROUP / "memory.stat").read_text().splitlines()
-        )
-        cached = int(stat["inactive_file"])  # of files, given back when memory is asked for
-    except (OSError, ValueError, KeyError):  # no container, or one without a limit
+        most = int((CONTROL_GROUP / "memory.max").read_text())
+        used = int((CONTROL_GROUP / "memory.current").read_text())
+        # Of files, given back when memory is asked for
+        cached = _listed(CONTROL_GROUP / "memory.stat", "inactive_file ")
+    except (OSError, ValueError):  # no container, or one without a limit
         return system
     return min(system, max(most - used + cached, 0))
 
 
-def _kilobytes(path: Path, name: str) -> int:
-    """A number of /proc in bytes; ValueError where the file has no such line."""
+def _listed(path: Path, name: str) -> int:
+    """The number that the kernel lists under a name; ValueError where the file has no such line."""
     for line in path.read_text().splitlines():
-        if line.startswith(f"{name}:"):
-            return 1024 * int(line.split()[1])
+        if line.startswith(name):
+            return int(line.split()[1])
     raise ValueError(f"{path} has no {name}")

@@ -33,8 +33,8 @@ COMMAND = """
 import resource
 import pipeline.flight.effects, pipeline.flight.effects, pipeline.plan.document, pipeline.show
 from cli.main import app
-from cli.app import _kilobytes, Path
-used = _kilobytes(Path("/proc/self/status"), "VmData")
+from cli.app import _listed, Path
+used = 1024 * _listed(Path("/proc/self/status"), "VmData:")
 resource.setrlimit(resource.RLIMIT_DATA, (used + 32 * 2**20, resource.RLIM_INFINITY))
 app({arguments})
 """
