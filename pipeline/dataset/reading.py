@@ -132,12 +132,8 @@ def solved_examples(
 
 def buffer_size(memory: float, n: int, problem: Problem) -> int:
     """Size of the shuffle buffer, in instances of n craft, for a limit of memory in bytes."""
-    return max(1, int(memory / (COPIES * instance_bytes(n, problem))))
-
-
-def instance_bytes(n: int, problem: Problem) -> int:
-    """Size of the arrays of one instance, bytes."""
-    return 8 * n * 6 * (2 + problem.nodes)
+    instance = 8 * n * 6 * (2 + problem.nodes)  # bytes of its arrays
+    return max(1, int(memory / (COPIES * instance)))
 
 
 def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None) -> list[Shard]:

@@ -11,7 +11,7 @@ import torch
 
 from pipeline.dataset.examples import ExampleStream
 from pipeline.dataset.manifest import recorded
-from pipeline.dataset.reading import COPIES, instance_bytes, solved_examples
+from pipeline.dataset.reading import COPIES, solved_examples
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.schema import SOLVED_FIELDS, metadata
 from pipeline.errors import InputError
@@ -76,8 +76,13 @@ def folder(tmp_path_factory):
     return folder
 
 
+def instance_bytes(n):
+    """Of the ends and the states of n craft, in doubles."""
+    return 8 * n * 6 * (2 + Problem().nodes)
+
+
 def streamed(folder, split="train", held=50):
-    memory = float(COPIES) * held * instance_bytes(3, Problem())
+    memory = float(COPIES) * held * instance_bytes(3)
     return solved_examples(folder, 3, split, memory)
 
 
@@ -196,7 +201,7 @@ for memory in map(float, sys.argv[2:]):
 def test_the_memory_that_training_takes_is_bounded_by_what_it_is_given(tmp_path, forked):
     one = Sample(count=5000, shares=(0.88, 0.12, 0.0), shard_rows=100)
     write_dataset(tmp_path, 10, one)
-    size = 4400 * instance_bytes(10, Problem())
+    size = 4400 * instance_bytes(10)
     assert size > 27e6
     run = forked.run([str(tmp_path), "2e9", "15e6"], tmp_path, code=TRAIN)
     assert run.returncode == 0, run.stderr
