@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from dataclasses import replace as replaced
 from functools import partial
-from itertools import accumulate, chain, groupby
+from itertools import accumulate, groupby
 from typing import Any
 
 import pandas as pd
@@ -241,18 +241,19 @@ def _contents(
     tasks = _tasks(manifest, shards)
     if workers.jobs == -1 and len(tasks) < FEW_TASKS:
         workers = replaced(workers, jobs=1)
-    found: dict[int, list[tuple[File, pa.Table]]] = {}
+    found: list[tuple[File, pa.Table]] = []
     summarized = partial(_summarized, str(folder))
     with closing(work_on(folder, workers, summarized, tasks, _read, progress)) as results:
-        for (number, _), files_read in results:
-            found[number] = files_read
+        for _, files_read in results:
+            found += files_read
             progress.done(sum(file.rows for file, _ in files_read))
-    files, tables = zip(*chain.from_iterable(found[number] for number, _ in tasks), strict=True)
+    found.sort(key=lambda pair: (pair[0].shard.n, pair[0].shard.number))
+    files, tables = zip(*found, strict=True)
     return list(files), pa.concat_tables(tables).to_pandas()
 
 
-# A task of a worker: its number, and consecutive solved shards with their digests
-SummaryTask = tuple[int, list[tuple[Shard, str]]]
+# A task of a worker: consecutive solved shards with their digests
+SummaryTask = list[tuple[Shard, str]]
 
 
 def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[SummaryTask]:
@@ -260,13 +261,12 @@ def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[SummaryTask]:
     ends = accumulate(shard.most.values for shard in shards)
     listed = [(shard, manifest.shards[shard.solved]) for shard in shards]
     groups = groupby(zip(listed, ends, strict=True), lambda pair: pair[1] // VALUES_PER_TASK)
-    return [(number, [shard for shard, _ in group]) for number, group in groups]
+    return [[shard for shard, _ in group] for _, group in groups]
 
 
 def _read(folder: Folder, task: SummaryTask) -> list[bytes]:
-    _, shards = task
     found = []
-    for shard, _ in shards:
+    for shard, _ in task:
         with shard_named(shard, str(folder)):
             found.append(read_content(folder, shard.solved))
     return found
@@ -276,9 +276,8 @@ def _summarized(
     folder: str, task: SummaryTask, contents: Sequence[bytes]
 ) -> list[tuple[File, pa.Table]]:
     """In a worker: the file and the SUMMARIZED columns of each shard of a task."""
-    _, shards = task
     found = []
-    for (shard, digest), content in zip(shards, contents, strict=True):
+    for (shard, digest), content in zip(task, contents, strict=True):
         with shard_named(shard, folder):  # one in memory at a time
             rows = decode_solved(content, shard, digest)
         file = File(shard, rows.num_rows, len(content), rows.nbytes)
@@ -317,16 +316,14 @@ def _origin(manifest: Manifest) -> Mapping[str, Any]:
 
 
 def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
-    solved = rows[rows["status"] == SOLVED]
-    gaps = solved["optimality_gap"].quantile(list(QUANTILES))
     numbers = []
     for n, of_size in rows.groupby("n_spacecraft"):
-        plans = solved[solved["n_spacecraft"] == n]
+        plans = of_size[of_size["status"] == SOLVED]
         numbers.append(
             (
                 str(n),
                 f"{len(plans)} of {len(of_size)}",
-                *map(_percent, plans["optimality_gap"].quantile(list(QUANTILES))),
+                *_gaps(plans).values(),
                 _number(plans["fuel"].mean(), "{:#.4g}"),
                 _number(plans["min_separation"].min(), "{:.3f}"),
             )
@@ -335,13 +332,15 @@ def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
     return {
         "scenarios": len(rows),
         "statuses": ", ".join(f"{k} {name}" for name, k in rows["status"].value_counts().items()),
-        "gaps": {q: _percent(gap) for q, gap in gaps.items()},
+        "gaps": _gaps(rows[rows["status"] == SOLVED]),
         "quality": table((*head, "fuel, mean (m/s²)", "least separation (m)"), numbers),
     }
 
 
-def _percent(share: float) -> str:
-    return _number(100 * share, "{:.3f} %")
+def _gaps(plans: pd.DataFrame) -> dict[float, str]:
+    """The QUANTILES of the optimality gap of plans."""
+    found = plans["optimality_gap"].quantile(list(QUANTILES))
+    return {q: _number(100 * gap, "{:.3f} %") for q, gap in zip(QUANTILES, found, strict=True)}
 
 
 def _number(value: float, form: str) -> str:
