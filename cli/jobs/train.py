@@ -98,7 +98,7 @@ def train_model(
     task = training.TrainingTask.of(arch, seed, settings)
     data = task.examples(progress)
     connect()  # so that a store that cannot be reached is known before the training
-    finished = training.train_and_fly(task, data, progress)
+    finished = training.train_task(task, data, progress)
     version = _record(task, finished)
     return version, challenge(version, finished.trials, settings.data)
 

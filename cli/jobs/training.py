@@ -1,7 +1,7 @@
 """Trainings, and trials of a search, as tasks of workers, which import nothing of MLflow."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields
 
 import pandas as pd
 
@@ -72,8 +72,7 @@ class FinishedTraining:
     trained: Trained
     instances: tuple[int, int]  # of training and of validation
     error: float  # of positions on validation data, m
-    # flown on validation scenarios, columns of Trial; empty in a search
-    trials: pd.DataFrame = field(default_factory=pd.DataFrame)
+    trials: pd.DataFrame  # flown on validation scenarios, columns of Trial; empty in a search
 
 
 def train_in_worker(
@@ -81,7 +80,7 @@ def train_in_worker(
 ) -> FinishedTraining:
     """Train in a worker; ProlearnError where its versions or data are not those of the request."""
     _check(made_by, expected, task)
-    return train_and_fly(task, task.examples())
+    return train_task(task, task.examples())
 
 
 def train_trial(
@@ -91,7 +90,7 @@ def train_trial(
     _check(made_by, expected, task)
     given = data or task.examples()
     try:
-        return _trained(task, given)
+        return train_task(task, given, flown=False)
     except InputError:
         raise
     except ProlearnError:
@@ -109,25 +108,20 @@ def _check(made_by: DecidedBy, expected: Mapping[str, str], task: TrainingTask) 
         )
 
 
-def train_and_fly(
-    task: TrainingTask, data: Sources, progress: Progress = SILENT
+def train_task(
+    task: TrainingTask, data: Sources, progress: Progress = SILENT, *, flown: bool = True
 ) -> FinishedTraining:
-    """Train a network and fly it on validation scenarios."""
-    finished = _trained(task, data, progress)
-    how, model = task.settings, finished.trained.model
-    return replace(finished, trials=validation_trials(model, how.data, how.n))
-
-
-def _trained(task: TrainingTask, data: Sources, progress: Progress = SILENT) -> FinishedTraining:
-    learn, valid = data
+    """Train a network and, unless it is a trial of a search, fly it on validation scenarios."""
+    how, (learn, valid) = task.settings, data
     trained = train(
         *(task.arch, task.recipe, learn, valid),
         seed=task.seed,
-        device=task.settings.device,
+        device=how.device,
         progress=progress,
     )
     error = position_rmse(trained.model, valid)
-    return FinishedTraining(trained, (len(learn), len(valid)), error)
+    trials = validation_trials(trained.model, how.data, how.n) if flown else pd.DataFrame()
+    return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
 
 
 def validation_trials(model: Model, data: Where, n: int) -> pd.DataFrame:
