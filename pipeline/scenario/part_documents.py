@@ -1,5 +1,6 @@
 """Parts of a scenario file: reference orbits, rings, single craft, obstacles and the like."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Annotated, Any
@@ -26,10 +27,13 @@ ANGLES = ("inclination_deg", "raan_deg", "argument_of_latitude_deg")
 
 def one_of(**fields: str) -> dict[str, Any]:
     """JSON Schema's condition that exactly one of some fields is given, each with its JSON type."""
-    forms = [
-        {"required": [name], "properties": {name: {"type": kind}}} for name, kind in fields.items()
-    ]
-    return {"oneOf": forms}
+    return {"oneOf": [_all_of({}, **{name: kind}) for name, kind in fields.items()]}
+
+
+def _all_of(others: Mapping[str, Any], **fields: str | list[str]) -> dict[str, Any]:
+    """The condition that fields are given, by JSON type, and others are as their schemas say."""
+    types = {name: {"type": kind} for name, kind in fields.items()}
+    return {"required": [*fields], "properties": {**types, **others}}
 
 
 def number(given: Any) -> Any:
@@ -365,22 +369,12 @@ class WaypointDocument(
     Strict,
     json_schema_extra={
         "oneOf": [
-            {
-                "required": ["craft", "position"],
-                "properties": {
-                    "craft": {"type": "integer"},
-                    "position": {"type": "array"},
-                    "formation": {"type": "null"},
-                },
-            },
-            {
-                "required": ["formation", "time"],
-                "properties": {
-                    "formation": {"type": ["array", "object"]},
-                    "time": {"type": "number"},
-                    **dict.fromkeys(("craft", "position", "velocity"), False),
-                },
-            },
+            _all_of({"formation": {"type": "null"}}, craft="integer", position="array"),
+            _all_of(
+                dict.fromkeys(("craft", "position", "velocity"), False),
+                formation=["array", "object"],
+                time="number",
+            ),
         ]
     },
 ):
