@@ -19,6 +19,7 @@ from typer.main import get_command_name
 from cli import convert, dataset, experiments, fly, models, plan, scenario, train
 from cli.app import CommandGroup
 from cli.output import echo
+from cli.settings import option
 from pipeline.files import lowest_existing
 
 # Threads that wait for each other sleep. Where they spin, as by OpenMP's default, and another
@@ -116,9 +117,7 @@ def _tell_version(asked: bool) -> None:
 def _options(
     _: Annotated[
         bool,
-        typer.Option(
-            "--version", help="Show the version and exit.", callback=_tell_version, is_eager=True
-        ),
+        option("Show the version and exit.", "--version", callback=_tell_version, is_eager=True),
     ] = False,
 ) -> None:
     """What all commands have in common."""

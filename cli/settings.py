@@ -398,7 +398,6 @@ class RiskSettings:
         "Standard deviation of each velocity component, m/s; by default the mean motion times "
         "--navigation-sigma."
     )
-
     errors: ErrorPreset | None = setting(
         f"Instead of sigmas: errors as of `prolearn fly`, but for missed burns. {PRESETS}.",
         metavar="PRESET",
