@@ -220,25 +220,23 @@ def _notes(parts: Mapping[str, ReportedRun]) -> Iterator[str]:
 
 
 def _provenance(parts: Mapping[str, ReportedRun]) -> pd.DataFrame:
-    rows = [
-        _provenance_row(name, part.run, part.run.params.get("dataset_digest", ""))
-        for name, part in parts.items()
-    ]
-    versions = {version.uri: version for part in parts.values() for version in part.models}
-    rows += [
-        _provenance_row(f"Training {v.label}, seed {v.training_seed}", v, v.dataset_digest)
-        for v in versions.values()
-    ]
+    rows = [_provenance_row(name, part.run) for name, part in parts.items()]
+    trained = {v.uri: v for part in parts.values() for v in part.models}.values()
+    rows += [_provenance_row(f"Training {v.label}, seed {v.training_seed}", v) for v in trained]
     return pd.DataFrame(rows)
 
 
-def _provenance_row(part: str, run: Run | ModelVersion, digest: str) -> dict[str, str]:
-    tags = run.tags
+def _provenance_row(part: str, run: Run | ModelVersion) -> dict[str, str]:
+    params, tags = run.params, run.tags
+    if isinstance(run, Run):
+        data, digest = params.get("data", ""), params.get("dataset_digest", "")
+    else:
+        data, digest = params.get("dataset", ""), run.dataset_digest
     return {
         "part": part,
         "run": run.run_id,
         "made": _day(run),
-        "data": run.params.get("data" if isinstance(run, Run) else "dataset", ""),
+        "data": data,
         "digest": digest,
         "code": tags.get("git_commit", tags.get("prolearn_version", "")),
         "versions": ", ".join(f"{k} {v}" for k, v in sorted(versions_of(tags).items())),
