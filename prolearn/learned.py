@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from pipeline.errors import InputError, check_choice, check_whole, missing_extra_hint
 from pipeline.scenario import SPLITS
 from pipeline.scenario.scenario import MOST_CRAFT
-from pipeline.text import public_url
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,7 +26,7 @@ def read_dataset(
         InputError: where there is no dataset, or it has no such rows.
     """
     with missing_extra_hint():
-        from pipeline.dataset.reading import solved_rows
+        from pipeline.dataset.reading import solved_rows, without_rows
         from pipeline.dataset.schema import SOLVED_FIELDS
 
     if split is not None:
@@ -40,10 +39,7 @@ def read_dataset(
         check_choice("column", column, [field.name for field in SOLVED_FIELDS])
     rows = solved_rows(where, n, split, columns)
     if len(rows) == 0:
-        raise InputError(
-            f"{public_url(where)} has no rows of n={n} in its {split} split; expected some: sample "
-            "more scenarios, into another folder."
-        )
+        raise without_rows(where, f"rows of n={n} in its {split} split")
     return rows if columns is None else rows.select(columns)
 
 

@@ -12,7 +12,7 @@ from cli.jobs.run_tables import add_to_model
 from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
 from pipeline.dataset.manifest import read_manifest
-from pipeline.dataset.reading import solved_scenarios
+from pipeline.dataset.reading import solved_scenarios, without_rows
 from pipeline.errors import InputError, check_choice, check_whole
 from pipeline.experiments.example_transfer import example_transfer, write_example
 from pipeline.experiments.flights import check_flights, run_flights
@@ -177,10 +177,7 @@ def held_out(
     for n in sizes or sorted(manifest.samples):
         found = solved_scenarios(data, n, "test")
         if not found:
-            raise InputError(
-                f"{public_url(data)} has no test scenarios of n={n}; expected some: sample more, "
-                "into another folder."
-            )
+            raise without_rows(data, f"test scenarios of n={n}")
         scenarios[n] = found[:trials]
     chosen = networks(name_list(settings.models), data, arch, device)
     return HeldOut(settings, manifest.digest(), scenarios, chosen)

@@ -16,6 +16,7 @@ from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import decode, has_metadata, read_content, verified
+from pipeline.text import public_url
 
 TRAINING_COLUMNS = ("initial", "goal", "states")  # columns that training reads
 SELECTION_COLUMNS = ("split", "status")  # columns that decide whether a row is an example
@@ -31,6 +32,14 @@ def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard])
                 f"{folder} is not solved at n={shard.n} ({shard.solved}); run "
                 f"`prolearn solve {quote(str(folder))}` first."
             )
+
+
+def without_rows(where: Where | Folder, what: str) -> InputError:
+    """The error for a dataset that has none of the rows that are asked for."""
+    return InputError(
+        f"{public_url(where)} has no {what}; expected some: sample more scenarios, into another "
+        "folder."
+    )
 
 
 def read_solved(
@@ -114,10 +123,7 @@ def solved_examples(
     tables = (read_solved(folder, manifest, shard, SELECTION_COLUMNS) for shard in shards)
     count = sum(len(_solved_of_split(table, split)) for table in tables)
     if count == 0:
-        raise InputError(
-            f"{folder} has no solved instance of n={n} in its {split} split; expected some: sample "
-            "more scenarios, into another folder."
-        )
+        raise without_rows(folder, f"solved instance of n={n} in its {split} split")
     buffer = buffer_size(memory, n, manifest.problem)
     if count <= buffer:
         return _examples(solved_rows(folder, n, split, TRAINING_COLUMNS), n, split)
