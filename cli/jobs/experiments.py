@@ -67,10 +67,6 @@ class EvaluatedNetwork:
         planner, of = NetworkPlanner(self.model, self.name), self.version
         return EvaluatedPlanner(planner, of.recipe, of.training_seed, self.model)
 
-    def on(self, problem: Problem) -> "EvaluatedNetwork":
-        """The same network for another time grid; InputError where its weights do not fit."""
-        return replace(self, model=self.model.on(problem))
-
 
 def networks(
     references: Sequence[str], data: Where, arch: str = "", device: str | None = None
@@ -267,7 +263,7 @@ def transfer_times(
         fitting = classical_planners()
         for network in inputs.networks:
             with suppress(InputError):  # its weights are for another T
-                fitting.append(network.on(problem).evaluated)
+                fitting.append(replace(network, model=network.model.on(problem)).evaluated)
         return fitting
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
@@ -303,7 +299,7 @@ def flights(
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FLOWN_BASELINES]
     shortest = replace(scenarios[0].problem, nodes=FEWEST_NODES)
     for network in inputs.networks:
-        network.on(shortest)  # refuses weights that fit one T alone
+        network.model.on(shortest)  # refuses weights that fit one T alone
     safe = [
         replace(one, planner=FallbackPlanner(one.planner), predictor=None)
         for one in (network.evaluated for network in inputs.networks)
