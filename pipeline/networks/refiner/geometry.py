@@ -18,13 +18,6 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain, tensor
 from pipeline.networks.refiner.arrays import constant, njit, rows, where
-from pipeline.networks.refiner.shapes import (
-    AnyEndStates,
-    Gains,
-    PerPlane,
-    PlaneVectors,
-    RelativeEnds,
-)
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
@@ -77,7 +70,7 @@ def grid_of(problem: Problem, device: Any = None) -> Grid:
 
 
 def in_units(
-    states: AnyEndStates, radius: Float[Any, "b"], problem: Problem
+    states: Float[Any, "b n 6"], radius: Float[Any, "b"], problem: Problem
 ) -> Float[Array, "N 6"]:
     """States of all craft, swarm after swarm, from m and m/s to r_col and r_col/Δt, as numpy's."""
     return (plain(states) * per_step(problem) / plain(radius)[:, None, None]).reshape(-1, 6)
@@ -160,24 +153,28 @@ class Scene:
     """Geometry of L encounters at their closest approaches, relative to the second craft."""
 
     interval: Int[Any, "L"]  # number of the interval, from 0
-    share: PerPlane  # time, as a share of the interval; no gradient runs through it
-    ends: RelativeEnds  # states relative to the second craft at both ends of the interval
-    distance: PerPlane  # between both craft
-    along: PlaneVectors  # unit vector along the gap, from the second craft: the normal
-    gain: Gains  # how the craft's controls move it along the normal
+    share: Float[Any, "L"]  # time, as a share of the interval; no gradient runs through it
+    ends: Float[Any, "L 2 6"]  # states relative to the second craft at both ends of the interval
+    distance: Float[Any, "L"]  # between both craft
+    along: Float[Any, "L 3"]  # unit vector along the gap, from the second craft: the normal
+    gain: Float[Any, "L m"]  # how the craft's controls move it along the normal
 
     def like(self, other: Any) -> "Scene":
         """The scene as arrays of the other array's module, data type and device."""
         return Scene(*(like(values, other) for values in vars(self).values()))
 
 
-def scene_of(interval: Int[Any, "L"], share: PerPlane, ends: RelativeEnds, grid: Grid) -> Scene:
+def scene_of(
+    interval: Int[Any, "L"], share: Float[Any, "L"], ends: Float[Any, "L 2 6"], grid: Grid
+) -> Scene:
     """The geometry of encounters: distances, normals and gains."""
     distance, along = normals(ends, share)
     return Scene(interval, share, ends, distance, along, gains(interval, share, along, grid))
 
 
-def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, PlaneVectors]:
+def normals(
+    ends: Float[Any, "L 2 6"], share: Float[Any, "L"]
+) -> tuple[Float[Any, "L"], Float[Any, "L 3"]]:
     """Distance and unit normal of each pair; where they touch, one normal to their motion."""
     gap = positions(ends, share)
     touching = _length(constant(gap)) < TOUCHING
@@ -186,25 +183,27 @@ def normals(ends: RelativeEnds, share: PerPlane) -> tuple[PerPlane, PlaneVectors
     return (gap * along).sum(axis=1), along
 
 
-def gains(interval: Int[Any, "L"], share: PerPlane, along: PlaneVectors, grid: Grid) -> Gains:
+def gains(
+    interval: Int[Any, "L"], share: Float[Any, "L"], along: Float[Any, "L 3"], grid: Grid
+) -> Float[Any, "L m"]:
     """How the controls of the first craft move it along a normal at a share of an interval."""
     weights = _hermite(like(share, along))[:, :, None] * along[:, None]  # (L, 4, 3)
     return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
 
 
-def positions(ends: RelativeEnds, share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
+def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
     """Relative positions at shares of an interval."""
     return _weighted(_hermite(like(share, ends)), ends)
 
 
-def velocities(ends: RelativeEnds, share: PerPlane) -> PlaneVectors:
+def velocities(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
     """Relative velocities at a share of an interval."""
     s = like(share, ends)
     weights = [6 * s * (s - 1), (1 - s) * (1 - 3 * s), 6 * s * (1 - s), s * (3 * s - 2)]
     return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
-def accelerations(ends: RelativeEnds, share: PerPlane) -> PlaneVectors:
+def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
     """Relative accelerations at a share of an interval."""
     s = like(share, ends)
     weights = [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2]
@@ -212,8 +211,8 @@ def accelerations(ends: RelativeEnds, share: PerPlane) -> PlaneVectors:
 
 
 def passing(
-    ends: RelativeEnds, share: PerPlane, along: PlaneVectors
-) -> tuple[PlaneVectors, PerPlane]:
+    ends: Float[Any, "L 2 6"], share: Float[Any, "L"], along: Float[Any, "L 3"]
+) -> tuple[Float[Any, "L 3"], Float[Any, "L"]]:
     """Unit vector of the relative motion perpendicular to a normal, and the relative speed."""
     speed = velocities(ends, share)
     past = speed - (speed * along).sum(axis=1)[:, None] * along
@@ -228,12 +227,12 @@ def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
     return namespace(s).stack(weights, axis=-1)
 
 
-def _weighted(weights: Float[Any, "*k L 4"], ends: RelativeEnds) -> Float[Any, "*k L 3"]:
+def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "*k L 3"]:
     each = "lk,lkx->lx" if weights.ndim == 2 else "tlk,lkx->tlx"
     return namespace(ends).einsum(each, weights, ends.reshape(-1, 4, 3))
 
 
-def _across(vector: PlaneVectors) -> PlaneVectors:
+def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
     """A vector perpendicular to each, also to a zero vector."""
     xp = namespace(vector)
     axis = rows(like(np.eye(3), vector), xp.argmin(abs(vector), axis=1))
@@ -241,11 +240,11 @@ def _across(vector: PlaneVectors) -> PlaneVectors:
     return xp.where(_length(across) < STILL, axis, across)
 
 
-def _unit(vector: PlaneVectors) -> PlaneVectors:
+def _unit(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
     return vector / namespace(vector).clip(_length(vector), 1e-12, None)
 
 
-def _length(vector: PlaneVectors) -> Float[Any, "L 1"]:
+def _length(vector: Float[Any, "L 3"]) -> Float[Any, "L 1"]:
     return namespace(vector).linalg.vector_norm(vector, axis=1, keepdims=True)
 
 

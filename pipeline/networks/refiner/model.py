@@ -11,8 +11,11 @@ lower cost gives way more, or gets back less; a trade is learned, by which the f
 beyond that. A craft uses only its own data and those of craft that it meets, and messages are
 summed: the network is permutation-equivariant.
 
-Arrays are numpy's in planning, which does without torch, and torch's in training; ``shapes`` has
-their axes. Units are r_col and Δt.
+Arrays are numpy's in planning, which does without torch, and torch's in training. Units are r_col
+and Δt. Axes: b swarms of n craft, N craft in all, T nodes, m = 3(T-1) controls, E encounters, L of
+them with planes, C craft with planes, F features, H numbers of a message. A plane's first craft is
+that of its encounter; relative states, (L, 2, 6), are first craft less second, at both ends of the
+interval.
 """
 
 from collections.abc import Mapping
@@ -29,14 +32,6 @@ from pipeline.networks.document import Answer, EndStates, portions, read_model, 
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import geometry, programs
 from pipeline.networks.refiner.arrays import cast, constant, rows, sigmoid, with_rows
-from pipeline.networks.refiner.shapes import (
-    AnyEndStates,
-    FlatControls,
-    Gains,
-    PerPlane,
-    PerSide,
-    PerSwarm,
-)
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 
@@ -65,8 +60,8 @@ in stored models that were trained without messages, where it is 0."""
 def edge_features(
     scene: geometry.Scene,
     nodes: int,
-    dual: PerSide,
-    first_dual: PerSide,
+    dual: Float[Any, "L 2"],
+    first_dual: Float[Any, "L 2"],
     load: Float[Any, "L 2 3"],
     number: int | Int[Any, ""],
 ) -> Float[Any, "L 2 18"]:
@@ -98,14 +93,16 @@ def edge_features(
     return xp.concatenate([xp.stack(both + own, axis=2), around], axis=2)
 
 
-def free_directions(gain: Gains, grid: geometry.Grid) -> Gains:
+def free_directions(gain: Float[Any, "L m"], grid: geometry.Grid) -> Float[Any, "L m"]:
     """Unit vectors of the controls that keep the final state and increase the distance most."""
     free = constant(gain) @ grid.free
     norm = namespace(free).linalg.vector_norm(free, axis=1, keepdims=True)
     return free / namespace(free).clip(norm, 1e-9, None)
 
 
-def trades(weights: Weights, features: Float[Any, "L 2 F"], free: Gains, sides: Sides) -> PerPlane:
+def trades(
+    weights: Weights, features: Float[Any, "L 2 F"], free: Float[Any, "L m"], sides: Sides
+) -> Float[Any, "L"]:
     """Message passing: the trade of each encounter, r_col; cosines of ``free`` weigh messages."""
     xp, w = namespace(features), weights["tell.weight"]
     both = xp.concatenate([features, xp.flip(features, (1,))], axis=2)  # (L, 2, 2F)
@@ -143,14 +140,17 @@ def linear(weights: Weights, name: str, values: Float[Any, "*L k"]) -> Float[Any
     return flat.reshape(*values.shape[:-1], -1)
 
 
-def trade_of(offer: PerPlane, other: PerPlane) -> PerPlane:
+def trade_of(offer: Float[Any, "L"], other: Float[Any, "L"]) -> Float[Any, "L"]:
     """The trade from both offers: how much the first craft gives way beyond its share, r_col."""
     return MOST_TRADE * namespace(offer).tanh(offer - other)
 
 
 def separation_shares(
-    distance: PerPlane, dual: PerSide, first_dual: PerSide, trade: PerPlane
-) -> PerSide:
+    distance: Float[Any, "L"],
+    dual: Float[Any, "L 2"],
+    first_dual: Float[Any, "L 2"],
+    trade: Float[Any, "L"],
+) -> Float[Any, "L 2"]:
     """How much each craft shall add to the distance of a pair, r_col.
 
     Of missing distance the craft with the lower dual adds more; of a surplus the one with the
@@ -178,7 +178,7 @@ class ProblemData:
     met: geometry.Encounters  # the encounters that are considered
     swarm: Int[Any, "E"]  # index of the swarm of each of these
 
-    def fuel(self, controls: FlatControls) -> PerSwarm:
+    def fuel(self, controls: Float[Any, "N m"]) -> Float[Any, "b"]:
         """Σ‖u‖₁ of each swarm."""
         return abs(controls).sum(axis=1).reshape(-1, self.n).sum(axis=1)
 
@@ -187,7 +187,7 @@ class ProblemData:
 class Iterate:
     """The state of the iteration after a round."""
 
-    controls: FlatControls  # of all craft
+    controls: Float[Any, "N m"]  # of all craft
     states: Float[Any, "N T 6"]  # node states under these controls
     near: geometry.EncounterGeometry  # closest approaches of the encounters
     dual: Float[Any, "E 2"]  # of each plane in this round's programs, for each craft
@@ -196,9 +196,9 @@ class Iterate:
 
 def problem_data(
     problem: Problem,
-    initial: AnyEndStates,
-    goal: AnyEndStates,
-    radius: PerSwarm,
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
     device: Any = None,
 ) -> ProblemData:
     """Planning problems from states in m and m/s, as tensors on a torch ``device`` if given."""
@@ -280,7 +280,7 @@ def gets_plane(
 
 
 def _with_first_duals(
-    data: ProblemData, first_dual: Float[Any, "E 2"], which: Int[Any, "L"], gain: Gains
+    data: ProblemData, first_dual: Float[Any, "E 2"], which: Int[Any, "L"], gain: Float[Any, "L m"]
 ) -> Float[Any, "E 2"]:
     """First duals, with those of new planes filled in."""
     xp = namespace(first_dual)
@@ -293,7 +293,11 @@ def _with_first_duals(
 
 
 def _node_features(
-    sides: Sides, craft: Int[Any, "L 2"], dual: PerSide, data: ProblemData, controls: FlatControls
+    sides: Sides,
+    craft: Int[Any, "L 2"],
+    dual: Float[Any, "L 2"],
+    data: ProblemData,
+    controls: Float[Any, "N m"],
 ) -> Float[Any, "L 2 3"]:
     """Node features of both craft: number of planes, sum of duals, fuel beyond the optimum."""
     xp = namespace(dual)
@@ -307,7 +311,7 @@ def _node_features(
 
 def cheapest_safe(
     weights: Weights | None, data: ProblemData, rounds: int
-) -> tuple[FlatControls, Bool[Any, "b"]]:
+) -> tuple[Float[Any, "N m"], Bool[Any, "b"]]:
     """The cheapest safe iterate of each swarm, or the last one if none is; and whether it is safe.
 
     A swarm whose decoupled optima are safe keeps them; any other goes on until a round leaves it
@@ -329,14 +333,14 @@ def cheapest_safe(
     return best, xp.isfinite(least)
 
 
-def safe_fuel(data: ProblemData, now: Iterate) -> PerSwarm:
+def safe_fuel(data: ProblemData, now: Iterate) -> Float[Any, "b"]:
     """Fuel of each swarm, infinite where the iterate is not safe."""
     fuel, xp = data.fuel(now.controls), namespace(now.controls)
     unsafe = xp.bincount(data.swarm[now.near.distance < SAFE], minlength=len(fuel))
     return xp.where(unsafe > 0, np.inf, fuel)
 
 
-def shortfall(data: ProblemData, now: Iterate, distance: float) -> PerSwarm:
+def shortfall(data: ProblemData, now: Iterate, distance: float) -> Float[Any, "b"]:
     """Sum of the shortfalls of a distance at the local minima of each swarm's pairs, r_col.
 
     A closest approach that is no local minimum has a nearer one in an adjacent interval.
@@ -376,7 +380,7 @@ class TrainedRefiner:
         return np.concatenate([self.controls(initial[k], goal[k], radius[k]) for k in every])
 
     def controls(
-        self, initial: AnyEndStates, goal: AnyEndStates, radius: PerSwarm
+        self, initial: Float[Any, "b n 6"], goal: Float[Any, "b n 6"], radius: Float[Any, "b"]
     ) -> Float[Array, "b n intervals 3"]:
         """Controls, m/s², of swarms that fit in memory together, each with its collision radius.
 

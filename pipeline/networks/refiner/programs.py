@@ -20,7 +20,6 @@ from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, njit, rows
 from pipeline.networks.refiner.geometry import Grid, per_step
-from pipeline.networks.refiner.shapes import Gains, PerSide
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import minimum_fuel
@@ -48,8 +47,8 @@ class Decoupled(Rows):
     cost: Float[Any, "N _"]  # side · tableau, from which their reduced costs follow
 
     def optima(
-        self, sides: Sides, gain: Gains, required: PerSide
-    ) -> tuple[Float[Any, "C m"], PerSide]:
+        self, sides: Sides, gain: Float[Any, "L m"], required: Float[Any, "L 2"]
+    ) -> tuple[Float[Any, "C m"], Float[Any, "L 2"]]:
         """The optimal controls of each craft's program, and the dual of each plane for both craft.
 
         ``gain`` has the row g of each plane for its first craft, whose negative is that of the

@@ -7,7 +7,6 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int, namespace, plain
 from pipeline.networks.refiner.arrays import njit, self_adjoint
-from pipeline.networks.refiner.shapes import Gains, PerSide
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +26,13 @@ class Sides:
         start = xp.concatenate([count[:1] * 0, count.cumsum(0)])
         return cls(there, start, place.argsort(stable=True), place)
 
-    def totals(self, values: PerSide) -> PerSide:
+    def totals(self, values: Float[Any, "L 2"]) -> Float[Any, "L 2"]:
         """For each side, the sum of values over all sides of its craft."""
         return np.bincount(self.place, values.reshape(-1))[self.place].reshape(values.shape)
 
-    def aggregate(self, messages: Float[Any, "L 2 H"], free: Gains) -> Float[Any, "L 2 _"]:
+    def aggregate(
+        self, messages: Float[Any, "L 2 H"], free: Float[Any, "L m"]
+    ) -> Float[Any, "L 2 _"]:
         """Message aggregation: a cosine-weighted sum and a sum over the encounters of each craft.
 
         The cosine is that between the planes' normals, which the second craft sees reversed.

@@ -9,7 +9,7 @@ None of it has gradients. For few craft that is slower than the compiled code by
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,7 +20,6 @@ from pipeline.networks.device import torch_device
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.arrays import where
 from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
-from pipeline.networks.refiner.shapes import AnyEndStates, PerSwarm
 from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
@@ -380,7 +379,10 @@ def _pivot(now: Tableau, low: Tensor, high: Tensor) -> Tableau:
 
 
 def planned_on(
-    trained: model.TrainedRefiner, initial: AnyEndStates, goal: AnyEndStates, radius: PerSwarm
+    trained: model.TrainedRefiner,
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
 ) -> Float[Array, "N m"]:
     """Controls that the refiner finds on its device for all craft of several swarms, in r_col/Δt².
 
@@ -401,9 +403,9 @@ def planned_on(
 
 def problem_data(
     problem: Problem,
-    initial: AnyEndStates,
-    goal: AnyEndStates,
-    radius: PerSwarm,
+    initial: Float[Any, "b n 6"],
+    goal: Float[Any, "b n 6"],
+    radius: Float[Any, "b"],
     device: torch.device,
 ) -> model.ProblemData:
     """As ``model.problem_data``, all of which is on a device."""
