@@ -134,18 +134,19 @@ class Encounters(Rows):
         return EncounterGeometry(*found)
 
 
-def encounters(
-    states: Float[Array, "N T 6"], n: int, near: float = NEAR, of_extent: float = NEAR_OF_EXTENT
-) -> Encounters:
-    """Pairs of craft and intervals in which they come within ``near`` or a share of the extent."""
-    within = np.maximum(near, of_extent * extents(states, n))
-    return Encounters(*close_pairs(np.ascontiguousarray(states), n, within))
+def encounters(states: Float[Array, "N T 6"], n: int) -> Encounters:
+    """Pairs of craft and intervals in which they come within the distance of ``considered``."""
+    return Encounters(*close_pairs(np.ascontiguousarray(states), n, considered(states, n)))
 
 
-def extents(states: Float[Any, "N T 6"], n: int) -> Float[Any, "b"]:
-    """Half of the longest side of a box around each swarm at all nodes, r_col."""
+def considered(states: Float[Any, "N T 6"], n: int) -> Float[Any, "b"]:
+    """Distance within which a pair is considered in each swarm, r_col.
+
+    Its extent is half of the longest side of a box around it at all nodes.
+    """
     xp, position = namespace(states), states[..., :3].reshape(states.shape[0] // n, -1, 3)
-    return xp.amax(xp.amax(position, axis=1) - xp.amin(position, axis=1), axis=1) / 2
+    extent = xp.amax(xp.amax(position, axis=1) - xp.amin(position, axis=1), axis=1) / 2
+    return xp.clip(NEAR_OF_EXTENT * extent, NEAR, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -171,8 +171,7 @@ class Meet(Step):
         each = torch.stack([relative[:, :-1], relative[:, 1:]], dim=2)  # (Q, T-1, 2, 6)
         ends = each.reshape(-1, 2, 6)
         closest = torch.linalg.vector_norm(positions(ends, nearest(ends)), dim=1)
-        share = geometry.NEAR_OF_EXTENT * geometry.extents(every, every.shape[0])
-        within = share.clamp(min=geometry.NEAR)  # (1,)
+        within = geometry.considered(every, every.shape[0])  # (1,)
         return (closest.reshape(each.shape[:2]) <= within,)
 
 

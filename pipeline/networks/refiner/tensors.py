@@ -64,8 +64,7 @@ class TensorEncounters(geometry.Encounters):
 
 def encounters(states: Float[Tensor, "N T 6"], n: int) -> TensorEncounters:
     """As ``geometry.encounters``, some swarms at a time."""
-    within = geometry.extents(states, n) * geometry.NEAR_OF_EXTENT
-    within = within.clamp(min=geometry.NEAR)
+    within = geometry.considered(states, n)
     i, j = torch.triu_indices(n, n, 1, device=states.device)
     swarms, T = states.reshape(-1, n, *states.shape[1:]), states.shape[1]
     found, step = [], max(1, PAIRS_AT_ONCE // max(1, len(i) * T))

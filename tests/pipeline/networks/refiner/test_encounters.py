@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
+from pipeline.networks.refiner import geometry
 from pipeline.networks.refiner.geometry import Encounters, encounters, in_units
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, track
@@ -19,6 +20,18 @@ INITIAL = np.concatenate([s.initial for s in SCENARIOS])
 CONTROLS = minimum_energy(INITIAL, np.concatenate([s.goal for s in SCENARIOS]), PROBLEM)
 STATES = fly(INITIAL, CONTROLS, PROBLEM)
 SCALED = in_units(STATES, np.full(len(STATES), RADIUS), PROBLEM).reshape(STATES.shape)
+
+
+@pytest.fixture
+def within(monkeypatch):
+    """Encounters of swarms of n craft within a distance, or a share of their extent."""
+
+    def found(states, n, near, of_extent=0.0):
+        monkeypatch.setattr(geometry, "NEAR", near)
+        monkeypatch.setattr(geometry, "NEAR_OF_EXTENT", of_extent)
+        return encounters(states, n)
+
+    return found
 
 
 def sampled():
@@ -41,22 +54,22 @@ def approaches(met, states):
     return met.approaches(states, np.full(len(met), np.inf))
 
 
-def test_every_pair_and_interval_within_the_distance_is_found_and_no_other():
-    least, within = sampled().min(axis=3), 5.0
-    met = encounters(SCALED, N, within, 0.0)
+def test_every_pair_and_interval_within_the_distance_is_found_and_no_other(within):
+    least, near = sampled().min(axis=3), 5.0
+    met = within(SCALED, N, near)
     found = {(int(i), int(j), int(k)) for i, j, k in zip(*vars(met).values(), strict=True)}
     swarm = np.arange(len(STATES)) // N
     wanted = {
         (i, j, k)
-        for i, j, k in zip(*np.nonzero(least <= within), strict=True)
+        for i, j, k in zip(*np.nonzero(least <= near), strict=True)
         if i < j and swarm[i] == swarm[j]
     }
     assert found == wanted
     assert len(found) > 20
 
 
-def test_the_closest_approach_is_the_least_of_the_samples():
-    met = encounters(SCALED, N, 5.0, 0.0)
+def test_the_closest_approach_is_the_least_of_the_samples(within):
+    met = within(SCALED, N, 5.0)
     found = approaches(met, SCALED)
     distance = sampled()[met.first, met.second, met.interval]
     assert found.distance == pytest.approx(distance.min(axis=1), abs=2e-4)
@@ -99,11 +112,12 @@ def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
     code = f"""if True:
         import resource
         import numpy as np
-        from pipeline.networks.refiner.geometry import encounters
+        from pipeline.networks.refiner import geometry
+        geometry.NEAR, geometry.NEAR_OF_EXTENT = 41.0, 0.0
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         states = np.zeros(({n}, 11, 6))
         states[..., 0] = 40.0 * np.arange({n})[:, None]
-        met = encounters(states, {n}, 41.0, 0.0)
+        met = geometry.encounters(states, {n})
         more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
         print(len(met.first), more // 1024)
     """
@@ -113,12 +127,12 @@ def test_all_pairs_of_a_large_swarm_are_looked_at_in_bounded_memory():
     assert megabytes < 250  # comparing all at once would take over 500 MB
 
 
-def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it():
+def test_a_wide_swarm_is_looked_at_further_out_than_a_narrow_one_beside_it(within):
     both = np.concatenate([SCALED[:N], 4 * SCALED[N : 2 * N]])
     extent = [float(np.ptp(x[..., :3], axis=(0, 1)).max()) / 2 for x in np.split(both, 2)]
-    met = encounters(both, N, 5.0, 0.3)
+    met = within(both, N, 5.0, 0.3)
     for k, one in enumerate(np.split(both, 2)):
-        alone = encounters(one, N, max(5.0, 0.3 * extent[k]), 0.0)
+        alone = within(one, N, max(5.0, 0.3 * extent[k]))
         assert np.array_equal(met.first[met.first // N == k] - k * N, alone.first)
 
 
