@@ -6,14 +6,11 @@ The expert and the packaged refiner plan the scenarios of `prolearn scenario new
 is as in experiment 5. Prints the table, and writes as_flown.json.
 """
 
-from pathlib import Path
-from typing import Annotated
-
 import pandas as pd
 import typer
 from threadpoolctl import threadpool_limits
 
-from benchmarks.tables import show, write_json
+from benchmarks.tables import BENCH, OutOption, show, write_json
 from pipeline.experiments.experiment5 import in_both_models, summarize_flights
 from pipeline.experiments.flights import run_flights
 from pipeline.experiments.trials import EvaluatedPlanner
@@ -40,9 +37,7 @@ COLUMNS = {
 }
 
 
-def main(
-    out: Annotated[Path, typer.Option(help="Folder for as_flown.json.")] = Path("reports/bench"),
-) -> None:
+def main(out: OutOption = BENCH) -> None:
     """Run all and print the table."""
     refiner = FallbackPlanner(NetworkPlanner(packaged(), "refiner"))
     planners, tables = [EvaluatedPlanner(Expert()), EvaluatedPlanner(refiner)], []

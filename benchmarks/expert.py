@@ -9,16 +9,15 @@ compares it with other planners, ``benchmarks.growth`` shows how it grows with t
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from time import process_time
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
-from benchmarks.tables import TableRow, quartiles, show, write_json
+from benchmarks.tables import BENCH, OutOption, TableRow, quartiles, show, write_json
 from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
 from pipeline.orbit.problem import Problem
 from pipeline.plan.plan import SOLVED
@@ -38,9 +37,7 @@ ORBITS = (0.25, 0.5, 1.0, 2.0)
 Work = Callable[[Any], object]
 
 
-def main(
-    out: Annotated[Path, typer.Option(help="Folder for expert.json.")] = Path("reports/bench"),
-) -> None:
+def main(out: OutOption = BENCH) -> None:
     """Run all and print tables."""
     with threadpool_limits(1):
         grids = _grids()

@@ -12,16 +12,14 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from time import process_time
-from typing import Annotated
 
 import numpy as np
 import typer
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
-from benchmarks.tables import TableRow, quality, quartiles, show, write_json
+from benchmarks.tables import BENCH, OutOption, TableRow, quality, quartiles, show, write_json
 from pipeline.expert import FIRST_SAFE, Settings, solve_many
 from pipeline.networks.refiner.model import TrainedRefiner, packaged
 from pipeline.orbit.problem import Problem
@@ -50,9 +48,7 @@ SWARMS = (("rings", 10, 200), ("rings", 30, 100), ("dense", 10, 200), ("dense", 
 Plans = Callable[[Sequence[Scenario]], list[Plan]]
 
 
-def main(
-    out: Annotated[Path, typer.Option(help="Folder for fallback.json.")] = Path("reports/bench"),
-) -> None:
+def main(out: OutOption = BENCH) -> None:
     """Run all and print the tables."""
     flown = NetworkPlanner(packaged(), "network")
     with threadpool_limits(1):

@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.tables import TableRow, show, write_json
+from benchmarks.tables import BENCH, OutOption, TableRow, show, write_json
 from pipeline.dataset.examples import ExampleStream
 from pipeline.dataset.reading import solved_examples
 from pipeline.storage.folder import open_folder
@@ -36,7 +36,7 @@ def main(
     rows_per_shard: Annotated[int, typer.Option(help="Scenarios in a file.")] = 12_500,
     jobs: Annotated[int, typer.Option(help="Processes, -1 for one a core.")] = -1,
     memory: Annotated[float, typer.Option(help="GB that reading and training may take.")] = 1.0,
-    out: Annotated[Path, typer.Option(help="Folder for scale.json.")] = Path("reports/bench"),
+    out: OutOption = BENCH,
 ) -> None:
     """Run all stages and print a table."""
     data = str(folder / "data")

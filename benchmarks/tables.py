@@ -20,6 +20,8 @@ from pipeline.arrays import Array
 from pipeline.files import write_text
 from pipeline.plan.plan import SOLVED, Plan
 
+BENCH = Path("reports/bench")
+OutOption = Annotated[Path, typer.Option(help="Folder for the tables, as JSON.")]
 TableRow = dict[str, float | int | str]  # a line of a table, by column
 PageOption = Annotated[
     Path | None,
