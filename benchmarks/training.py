@@ -8,7 +8,6 @@ thread. Prints a table, and writes training.json.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from timeit import timeit
 from typing import Annotated
 
@@ -18,7 +17,7 @@ import typer
 from torch import Tensor
 from torch.utils.data import DataLoader, TensorDataset
 
-from benchmarks.tables import TableRow, quartiles, show, write_json
+from benchmarks.tables import BENCH, OutOption, TableRow, quartiles, show, write_json
 from pipeline.dataset.examples import Examples
 from pipeline.expert import decoupled_optima
 from pipeline.networks.architecture import find, recipe_for
@@ -27,7 +26,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.scenario import draw
-from pipeline.training.data import Preparation, Prepared
+from pipeline.training.data import Prepared, prepare
 from pipeline.training.loop import Descent, TrainingObjective, pass_over
 
 SEED = 2022
@@ -46,7 +45,7 @@ RunEpoch = Callable[[], object]
 
 
 def main(
-    out: Annotated[Path, typer.Option(help="Folder for training.json.")] = Path("reports/bench"),
+    out: OutOption = BENCH,
     instances: Annotated[int, typer.Option(help="Instances of a feed-forward epoch.")] = 8000,
     recurrent: Annotated[int, typer.Option(help="Instances of an LSTM's epoch, slow ones.")] = 256,
 ) -> None:
@@ -93,7 +92,7 @@ def _ways(arch: str, recipe: Recipe, examples: Examples) -> Mapping[str, RunEpoc
     """Ways to train for an epoch, each with a network of its own."""
     architecture = find(arch)
     encoding = fit(examples, recipe.interior, recipe.target, recipe.scaling)
-    data, size = Preparation(architecture, encoding, CPU).of(examples), recipe.batch_size
+    data, size = prepare(architecture, encoding, CPU, examples), recipe.batch_size
     order = torch.Generator().manual_seed(SEED)
 
     def fresh() -> tuple[TrainingObjective, Descent]:

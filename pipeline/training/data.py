@@ -1,6 +1,6 @@
 """Training data: scenarios of a dataset or fresh draws, as tensors, in batches."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count
@@ -118,11 +118,14 @@ class Prepared:
         """These examples and others after them."""
         return Prepared({k: torch.cat([t, other.tensors[k]]) for k, t in self.tensors.items()})
 
+    def random_rows(self, order: torch.Generator) -> Int[Tensor, "b"]:
+        """The numbers of all examples in random order, on their device."""
+        device = next(iter(self.tensors.values())).device
+        return torch.randperm(len(self), generator=order).to(device)
+
     def shuffled(self, size: int, order: torch.Generator) -> Iterator["Prepared"]:
         """All examples once, in random batches."""
-        device = next(iter(self.tensors.values())).device
-        rows = torch.randperm(len(self), generator=order).to(device)
-        return (self.at(part) for part in torch.split(rows, size))
+        return (self.at(part) for part in torch.split(self.random_rows(order), size))
 
     def in_order(self, size: int) -> Iterator["Prepared"]:
         """All examples once, in batches."""
@@ -130,24 +133,21 @@ class Prepared:
             yield Prepared({name: t[k : k + size] for name, t in self.tensors.items()})
 
 
-@dataclass(frozen=True)
-class Preparation:
-    """Preparation of examples as an architecture's input tensors, on a device."""
+Prepare = Callable[[Examples], Prepared]
 
-    architecture: Architecture
-    encoding: Encoding
-    device: torch.device
 
-    def of(self, examples: Examples) -> Prepared:
-        """The examples, prepared, on the device; InputError where it lacks their precision."""
-        batch = swarms(examples.problem, examples.initial, examples.goal, examples.states)
-        tensors = self.architecture.prepare(batch, self.encoding)
-        if self.device.type == "mps" and torch.float64 in {t.dtype for t in tensors.values()}:
-            raise InputError(
-                "device is mps, which has no float64, and this network is trained in float64; "
-                "expected cpu or cuda."
-            )
-        return Prepared({name: tensor.to(self.device) for name, tensor in tensors.items()})
+def prepare(
+    architecture: Architecture, encoding: Encoding, device: torch.device, examples: Examples
+) -> Prepared:
+    """Examples as an architecture's input tensors; InputError where a device lacks float64."""
+    batch = swarms(examples.problem, examples.initial, examples.goal, examples.states)
+    tensors = architecture.prepare(batch, encoding)
+    if device.type == "mps" and torch.float64 in {t.dtype for t in tensors.values()}:
+        raise InputError(
+            "device is mps, which has no float64, and this network is trained in float64; "
+            "expected cpu or cuda."
+        )
+    return Prepared({name: tensor.to(device) for name, tensor in tensors.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ class Streamed:
     """Examples that each pass reads or draws, and prepares, part by part."""
 
     source: ExampleStream
-    preparation: Preparation
+    prepare: Prepare
     passes: Iterator[int] = field(default_factory=count)  # next parts of an endless source
 
     def __len__(self) -> int:
@@ -164,16 +164,16 @@ class Streamed:
     def shuffled(self, size: int, order: torch.Generator) -> Iterator[Prepared]:
         """Parts in random order, mixed in a buffer of two batches or more."""
         if self.source.endless:
-            yield from self.preparation.of(self.source.read(next(self.passes))).in_order(size)
+            yield from self.prepare(self.source.read(next(self.passes))).in_order(size)
             return
         full = max(self.source.buffer, 2 * size)
         parts = torch.randperm(self.source.part_count, generator=order).tolist()
         held: Prepared | None = None
         for examples in self.source.parts(parts):
-            part = self.preparation.of(examples)
+            part = self.prepare(examples)
             held = part if held is None else held.joined(part)
             if len(held) >= full:
-                rows = torch.randperm(len(held), generator=order).to(self.preparation.device)
+                rows = held.random_rows(order)
                 out = len(held) // 2 // size * size
                 yield from (held.at(batch) for batch in torch.split(rows[:out], size))
                 held = held.at(rows[out:])
@@ -183,17 +183,15 @@ class Streamed:
     def in_order(self, size: int) -> Iterator[Prepared]:
         """All examples once, in batches that each lie in one part."""
         for examples in self.source.parts():
-            yield from self.preparation.of(examples).in_order(size)
+            yield from self.prepare(examples).in_order(size)
 
 
 Batches = Prepared | Streamed
 
 
-def batches(source: ExampleSource, preparation: Preparation) -> Batches:
+def batches(source: ExampleSource, prepare: Prepare) -> Batches:
     """Examples in memory, prepared once; or a stream's, prepared as they are read or drawn."""
-    if isinstance(source, ExampleStream):
-        return Streamed(source, preparation)
-    return preparation.of(source)
+    return Streamed(source, prepare) if isinstance(source, ExampleStream) else prepare(source)
 
 
 def refuse_other_orbits(problem: Problem) -> None:

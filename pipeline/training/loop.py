@@ -4,6 +4,7 @@ import math
 import time
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -20,7 +21,7 @@ from pipeline.networks.encoding import Encoding, fit
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import COSINE, Recipe
 from pipeline.progress import SILENT, Progress
-from pipeline.training.data import Batches, Preparation, Prepared, batches, check_examples
+from pipeline.training.data import Batches, Prepared, batches, check_examples, prepare
 
 VALIDATION_BATCH = 256  # instances whose validation score is computed at once
 POSITION_RMSE = "valid_position_rmse"  # metric: ``position_rmse`` on the validation data
@@ -133,8 +134,8 @@ def train(
         torch.manual_seed(seed)
         network = architecture.network(architecture.config, encoding, recipe.dropout).to(chosen)
         objective = TrainingObjective(architecture, network, encoding, recipe)
-        preparation = Preparation(architecture, encoding, chosen)
-        data = batches(train, preparation), batches(valid, preparation)
+        ready = partial(prepare, architecture, encoding, chosen)
+        data = batches(train, ready), batches(valid, ready)
         prepared = time.perf_counter()
         with torch.random.fork_rng(devices, device_type=chosen.type):
             _warm_up(objective, data[1])

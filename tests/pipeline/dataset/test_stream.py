@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan.requirements import AT_ALL_TIMES
 from pipeline.storage import MANIFEST
 from pipeline.storage.shards import digest_of, encode
-from pipeline.training.data import Preparation, batches
+from pipeline.training.data import batches, prepare
 from pipeline.training.loop import train
 
 CPU = torch.device("cpu")
@@ -112,7 +113,7 @@ def test_scales_of_a_stream_are_those_of_the_whole(folder):
 
 
 def preparation(encoding):
-    return Preparation(find("ff1"), encoding, CPU)
+    return partial(prepare, find("ff1"), encoding, CPU)
 
 
 def passed(folder, seed, size=16, held=50):
@@ -127,7 +128,7 @@ def keys(batch):
 
 def test_each_pass_over_a_stream_gives_every_instance_once_with_its_own_target(folder):
     whole = solved_examples(folder, 3, "train")
-    want = preparation(fit(whole, "line", "states")).of(whole)
+    want = preparation(fit(whole, "line", "states"))(whole)
     of = dict(zip(keys(want), want.tensors["target"], strict=True))
     seen = passed(folder, 0)
     assert sorted(key for batch in seen for key in keys(batch)) == sorted(of)
@@ -145,7 +146,7 @@ def test_a_stream_is_shuffled_across_shards_by_its_seed_alone(folder):
     assert first != other
     shard, encoding = {}, fit(solved_examples(folder, 3, "train"), "line", "states")
     for k, part in enumerate(streamed(folder).parts()):
-        shard.update(dict.fromkeys(keys(preparation(encoding).of(part)), k))
+        shard.update(dict.fromkeys(keys(preparation(encoding)(part)), k))
     mixed = [len({shard[key] for key in batch}) for batch in first]
     assert np.mean(mixed) >= 2  # a batch draws from several shards, as the buffer holds some
 

@@ -1,6 +1,7 @@
 """Fresh scenarios without end, and networks that learn from them without the expert."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.scenario import draw
-from pipeline.training.data import Preparation, batches, fresh_draws, sources
+from pipeline.training.data import batches, fresh_draws, prepare, sources
 from pipeline.training.loop import train
 
 PROBLEM = Problem(nodes=6)
@@ -73,7 +74,7 @@ def test_a_pass_has_the_training_scenarios_after_those_of_the_pass_before():
 
 def test_every_epoch_sees_scenarios_that_no_other_has_seen(gentle):
     encoding = fit(FRESH, "line", "offset")
-    data = batches(FRESH, Preparation(find(gentle), encoding, torch.device("cpu")))
+    data = batches(FRESH, partial(prepare, find(gentle), encoding, torch.device("cpu")))
     order = torch.Generator().manual_seed(0)
     passes = [[b.tensors["ends"] for b in data.shuffled(16, order)] for _ in range(3)]
     assert [len(b) for b in passes[0]] == [16, 16, 8]
@@ -91,7 +92,7 @@ def test_a_network_learns_without_plans_and_the_best_score_is_kept(gentle):
     assert after.best_epoch == 1 + int(np.argmin(scores))
     told = valid()
     encoding, found = after.model.encoding, find(gentle)
-    batch = Preparation(found, encoding, torch.device("cpu")).of(told).tensors
+    batch = prepare(found, encoding, torch.device("cpu"), told).tensors
     again = found.score(after.model.network, batch, encoding, recipe_for(gentle, "tuned"))
     assert float(again) == pytest.approx(min(scores), rel=1e-5)
 
@@ -137,9 +138,10 @@ def test_crowded_scenarios_are_learned_from_with_those_of_the_dataset(tmp_path, 
     known = {tuple(s.initial.ravel()) for s in wanted}
     known |= {tuple(one.ravel()) for part in plain.parts() for one in part.initial}
     assert len(known) == len(learn) == len(plain) + 7
-    preparation = Preparation(find("refiner"), fit(learn, "line", "offset"), torch.device("cpu"))
+    encoding = fit(learn, "line", "offset")
+    ready = partial(prepare, find("refiner"), encoding, torch.device("cpu"))
     order = torch.Generator().manual_seed(0)
-    seen = [b.tensors["initial"] for b in batches(learn, preparation).shuffled(4, order)]
+    seen = [b.tensors["initial"] for b in batches(learn, ready).shuffled(4, order)]
     assert {tuple(one.numpy().ravel()) for batch in seen for one in batch} == known
     assert sum(len(batch) for batch in seen) == len(known)
     planned = [part.states for part in learn.parts() if part.states is not None]
@@ -148,6 +150,6 @@ def test_crowded_scenarios_are_learned_from_with_those_of_the_dataset(tmp_path, 
 
 def test_a_network_that_learns_in_float64_is_refused_a_device_without_it():
     examples = valid(2)
-    preparation = Preparation(find("refiner"), fit(examples, "line", "offset"), torch.device("mps"))
+    encoding = fit(examples, "line", "offset")
     with pytest.raises(InputError, match="device is mps, which has no float64"):
-        preparation.of(examples)
+        prepare(find("refiner"), encoding, torch.device("mps"), examples)
