@@ -14,13 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 import prolearn
 from pipeline.arrays import Array
-from pipeline.figures.style import (
-    CONFLICT_COLOUR,
-    GOAL_COLOUR,
-    INITIAL_COLOUR,
-    PAGE_WIDTH,
-    in_style,
-)
+from pipeline.figures import style
 from pipeline.orbit.transfer import track
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.show.data import obstacles_at
@@ -46,7 +40,7 @@ def swarm() -> Scenario:
     )
 
 
-@in_style
+@style.in_style
 def transfer_figure(scenario: Scenario) -> Figure:
     """Both plans seen along the orbit's normal, and how far the pair that meets is apart."""
     own, safe = (planner.plan([scenario])[0] for planner in (BASELINES[-1], Expert()))
@@ -55,7 +49,7 @@ def transfer_figure(scenario: Scenario) -> Figure:
     paths = [track(p.states, p.controls, scenario.problem, STEPS) for p in (own, safe)]
     times = np.linspace(0, scenario.problem.duration, paths[0].shape[1])
     when = int(np.searchsorted(times, time))
-    figure = Figure(figsize=(PAGE_WIDTH, 3.9), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(style.PAGE_WIDTH, 3.9), layout="constrained", facecolor="white")
     axes = figure.subplot_mosaic([["own", "apart"], ["safe", "apart"]], width_ratios=(1.25, 1))
     more = safe.certificate.fuel / own.certificate.fuel - 1
     titles = "Decoupled optima", f"By the expert, for {100 * more:.1f} % more fuel"
@@ -74,7 +68,7 @@ def draw_paths(ax: Axes, paths: Paths, pair: tuple[int, int], when: int) -> None
     """Where craft go, with an arrow midway; of a pair, where it is at one moment."""
     for k, path in enumerate(paths):
         x, y = path[:, 1], path[:, 0]
-        colour, above = (INITIAL_COLOUR, 3) if k in pair else (OTHERS, 2)
+        colour, above = (style.INITIAL_COLOUR, 3) if k in pair else (OTHERS, 2)
         ax.plot(x[0], y[0], "o", color=colour, fillstyle="none", zorder=above, label="start")
         ax.plot(x[-1], y[-1], "o", color=colour, zorder=above, label="goal")
         ax.plot(x, y, color=colour, zorder=above)
@@ -88,15 +82,15 @@ def draw_paths(ax: Axes, paths: Paths, pair: tuple[int, int], when: int) -> None
         )
     both = paths[list(pair), when]
     apart = float(np.linalg.norm(both[0] - both[1]))
-    ax.plot(both[:, 1], both[:, 0], "o-", color=CONFLICT_COLOUR, zorder=4)
+    ax.plot(both[:, 1], both[:, 0], "o-", color=style.CONFLICT_COLOUR, zorder=4)
     ax.annotate(
         f"{apart:.0f} m apart",
         (float(both[:, 1].mean()), float(both[:, 0].mean())),
         xytext=(-66, -46),
         textcoords="offset points",
-        color=CONFLICT_COLOUR,
+        color=style.CONFLICT_COLOUR,
         weight="bold",
-        arrowprops={"arrowstyle": "-", "color": CONFLICT_COLOUR},
+        arrowprops={"arrowstyle": "-", "color": style.CONFLICT_COLOUR},
         zorder=5,
     )
     ax.set_aspect("equal")
@@ -109,9 +103,9 @@ def draw_distances(
     a, b = pair
     for shown, line, name in zip(paths, ("--", "-"), ("decoupled optima", "expert"), strict=True):
         apart = np.linalg.norm(shown[a] - shown[b], axis=-1)
-        ax.plot(minutes, apart, line, color=INITIAL_COLOUR, label=name)
-    ax.axhspan(0, radius, color=CONFLICT_COLOUR, alpha=0.2, linewidth=0)
-    ax.text(0.3, radius / 2, f"within {radius:g} m", color=CONFLICT_COLOUR, va="center")
+        ax.plot(minutes, apart, line, color=style.INITIAL_COLOUR, label=name)
+    ax.axhspan(0, radius, color=style.CONFLICT_COLOUR, alpha=0.2, linewidth=0)
+    ax.text(0.3, radius / 2, f"within {radius:g} m", color=style.CONFLICT_COLOUR, va="center")
     ax.set_xlim(0, minutes[-1])
     ax.set_ylim(0, 100)
     ax.set_title("Distance of the pair (m)")
@@ -119,7 +113,7 @@ def draw_distances(
     ax.legend(loc="upper center")
 
 
-@in_style
+@style.in_style
 def example_figure(scenario: Scenario) -> Figure:
     """Paths in the orbit's plane and from outside it, from circles to dots."""
     plan = Expert().plan([scenario])[0]
@@ -127,13 +121,13 @@ def example_figure(scenario: Scenario) -> Figure:
     paths = track(plan.states, plan.controls, scenario.problem, steps)
     drifts = obstacles_at(np.linspace(0, scenario.problem.duration, EXAMPLE_POINTS + 1), scenario)
     flat = np.abs(paths[..., 2]).max() < 0.01 * np.abs(paths[..., 1]).max()
-    figure = Figure(figsize=(PAGE_WIDTH, 2.9), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(style.PAGE_WIDTH, 2.9), layout="constrained", facecolor="white")
     views = VIEWS[:1] if flat else VIEWS
     for ax, (across, up) in zip(np.ravel(figure.subplots(1, len(views))), views, strict=True):
         x, y = paths[..., across].T, paths[..., up].T
         ax.plot(x, y, color=OTHERS, linewidth=0.7)
-        ax.plot(x[0], y[0], "o", color=INITIAL_COLOUR, fillstyle="none", markersize=3.5)
-        ax.plot(x[-1], y[-1], "o", color=GOAL_COLOUR, markersize=2.5)
+        ax.plot(x[0], y[0], "o", color=style.INITIAL_COLOUR, fillstyle="none", markersize=3.5)
+        ax.plot(x[-1], y[-1], "o", color=style.GOAL_COLOUR, markersize=2.5)
         ax.xaxis.set_major_locator(MaxNLocator(6))
         for one, drift in zip(scenario.obstacles, drifts, strict=True):
             ax.plot(drift[:, across], drift[:, up], color="#707070", linewidth=0.7, linestyle="--")
