@@ -13,7 +13,6 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from pipeline.errors import InputError
 from pipeline.experiments import (
     experiment1,
     experiment2,
@@ -59,10 +58,7 @@ def no_rows(table: str) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Tables as the experiments leave them, by their columns in TABLES; most may be empty.
-
-    InputError where ``trials`` is empty, or a table lacks a column of ``TABLES``.
-    """
+    """Tables as the experiments leave them, with the columns of TABLES; most may be empty."""
 
     trials: pd.DataFrame
     warmstarts: pd.DataFrame = field(default_factory=partial(no_rows, "warmstarts"))
@@ -75,20 +71,6 @@ class Results:
     notes: Sequence[str] = ()  # on parts that are left out or were made otherwise; text or Markdown
     transfer_times: pd.DataFrame = field(default_factory=partial(no_rows, "transfer_times"))
     flights: pd.DataFrame = field(default_factory=partial(no_rows, "flights"))
-
-    def __post_init__(self) -> None:
-        if self.trials.empty:
-            raise InputError(
-                "the results hold no trials, and a report needs at least one planner's: "
-                "run `prolearn evaluate` first"
-            )
-        for name, columns in TABLES.items():
-            missing = [c for c in columns if c not in getattr(self, name).columns]
-            if missing:
-                raise InputError(
-                    f"the results table {name!r} lacks the columns {', '.join(missing)}: "
-                    "write it with the prolearn of this report"
-                )
 
     @property
     def planners(self) -> set[str]:

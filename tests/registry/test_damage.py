@@ -12,10 +12,11 @@ from cli.jobs.run_tables import averages
 from cli.main import app
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.example_transfer import read_example, write_example
+from pipeline.experiments.records import TABLES
 from pipeline.figures.transfer import Example
 from pipeline.progress import Progress
 from registry.results import Run, arrays_of, earlier_run, evaluation, record, table_of
-from registry.store import EVALUATION, TRANSFER_TIMES, WARMSTART, connect
+from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART, connect
 
 TRIALS = pd.DataFrame(one_size(10))
 PARAMS = {"dataset_digest": "d1", "models": "", "data": "data/paper"}
@@ -145,6 +146,19 @@ def test_a_table_that_is_none_of_its_experiment_is_refused(
 ) -> None:
     run_id = record(EVALUATION, table, params={})
     with pytest.raises(InputError, match=rf"table.parquet of run {run_id} .*\(.*{told}"):
+        averages(run_id)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "name", "column"),
+    [(TRANSFER_TIMES, "transfer_times", "varied"), (FLIGHTS, "flights", "loop")],
+)
+def test_a_table_that_lacks_a_column_of_its_experiment_is_refused(
+    folder: Path, experiment: str, name: str, column: str
+) -> None:
+    table = pd.DataFrame([{key: kind(1) for key, kind in TABLES[name].items() if key != column}])
+    run_id = record(experiment, table, params={})
+    with pytest.raises(InputError, match=f"no column {column}"):
         averages(run_id)
 
 

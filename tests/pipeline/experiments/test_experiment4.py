@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 from planted import cells, flown, shares, trained
 
-from pipeline.errors import InputError
 from pipeline.experiments.experiment4 import (
     findings as times_findings,
 )
@@ -155,11 +154,6 @@ def test_transfer_times_that_hardly_differ_are_told_apart(times):
     assert header[6:] == [f"20 min, Δt = {step} s" for step in steps]
     other = times_findings(near, trained(("lstm1", "tuned", 0.5, 1.0)))[1]
     assert "(20.000002 min)" in other.numbers, "of 4, 4 and 2 safe trials, the last is the worst"
-
-
-def test_a_table_of_another_shape_is_refused(trials, times):
-    with pytest.raises(InputError, match=r"'transfer_times' lacks the columns varied"):
-        Results(trials, transfer_times=times.drop(columns="varied"))
 
 
 def lstms_at(rows, safe, fuel):

@@ -4,7 +4,6 @@ import pandas as pd
 import pytest
 from planted import cells, row
 
-from pipeline.errors import InputError
 from pipeline.experiments.experiment5 import (
     conditions_table,
     flights_figure,
@@ -347,9 +346,3 @@ def test_the_section_begins_with_what_planning_as_flown_changes(trials_at, tmp_p
     assert len(by_name["experiment5-as-flown"]) == 16
     assert len(by_name["experiment5-within"]) == 18, "of ten craft planned in the linear model"
     assert len(by_name["experiment5"]) == 18
-
-
-def test_a_table_of_another_shape_is_refused(trials):
-    flights = table(expert=MARGINAL).drop(columns="loop")
-    with pytest.raises(InputError, match=r"'flights' lacks the columns loop"):
-        Results(trials, flights=flights)
