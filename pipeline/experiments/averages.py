@@ -153,7 +153,6 @@ def prepared(trials: pd.DataFrame) -> pd.DataFrame:
     """Trials with a column fuel_ratio (fuel over bound), and safe as 1, 0, or NaN if predicted."""
     bound = trials["fuel_lower_bound"].astype(float)
     return trials.assign(
-        recipe=trials["recipe"].fillna(""),
         safe=as_share(trials["safe"]).where(trials["reading"] != PREDICTED),
         fuel_ratio=trials["fuel"].astype(float) / bound.where(bound > NEGLIGIBLE_FUEL),
     )

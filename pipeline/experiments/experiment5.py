@@ -148,7 +148,6 @@ def summarize_flights(flights: pd.DataFrame) -> pd.DataFrame:
     rows = flights.astype(dict.fromkeys(columns, float))
     bound, unsafe = rows["delta_v_bound"], rows["unsafe_replans"]
     rows = rows.assign(
-        recipe=rows["recipe"].fillna(""),
         delta_v_ratio=rows["delta_v"] / bound.where(bound > averages.NEGLIGIBLE_FUEL),
         no_plan=(unsafe > 0).astype(float).where(unsafe.notna()),
     )
@@ -338,9 +337,10 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
     They do where in no flight a pair comes within the collision radius, or a craft ends further
     than ``ARRIVED`` from its goal.
     """
-    rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     found = []
-    for (planner, recipe), every in rows.groupby(["planner", "recipe"], sort=False):
+    for (planner, recipe), every in in_both_models(flights).groupby(
+        ["planner", "recipe"], sort=False
+    ):
         flown = every[every["planned"] == AS_FLOWN]
         apart, met = not flown["within_radius"].any(), flown["goal_error"].max() <= ARRIVED
         who = labels.name_in_sentence(str(planner))
@@ -352,10 +352,9 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
 
 def _claim(flights: pd.DataFrame) -> str:
     """Close approaches and errors at goals of plans as flown and of linear plans, as text."""
-    rows = in_both_models(flights.assign(recipe=flights["recipe"].fillna("")))
     by_model = {
         planned: (int(some["within_radius"].sum()), len(some), some["goal_error"].max())
-        for planned, some in rows.groupby("planned")
+        for planned, some in in_both_models(flights).groupby("planned")
     }
     unsafe, plans, miss = by_model[AS_FLOWN]
     unsafe_linear, plans_linear, miss_linear = by_model[LINEAR]

@@ -65,7 +65,7 @@ def section(training: pd.DataFrame, curves: pd.DataFrame, styles: Mapping[str, S
 def training_table(training: pd.DataFrame) -> Table:
     """The paper's Tables 1 and 3 for the models that were trained, averaged over their seeds."""
     order = {"arch": in_order(training["arch"])}
-    rows = training.assign(recipe=training["recipe"].fillna(""), versions=training["version"])
+    rows = training.assign(versions=training["version"])
     frame = aggregate_trainings(rows, ["arch", "recipe"], AVERAGES, order)
     papers = paper.TRAININGS.reindex(frame["arch"].map(architecture_of)).set_index(frame.index)
     frame = frame.assign(name=frame["arch"].map(name_of)).join(papers)
@@ -76,10 +76,7 @@ def training_table(training: pd.DataFrame) -> Table:
 def curves_figure(curves: pd.DataFrame, styles: Mapping[str, Style]) -> Figure:
     """Training and validation loss against epoch: a row for each recipe, a column a family."""
     known = {arch: family for family, archs in FAMILIES.items() for arch in archs}
-    curves = curves.assign(
-        recipe=curves["recipe"].fillna(""),
-        family=[known.get(architecture_of(a), "Other") for a in curves["arch"]],
-    )
+    curves = curves.assign(family=[known.get(architecture_of(a), "Other") for a in curves["arch"]])
     families = [family for family in FAMILIES if family in set(curves["family"])]
     recipes = sorted(curves["recipe"].unique())
     figure = Figure(figsize=(PAGE_WIDTH, 0.9 + 2.1 * len(recipes)), layout="constrained")
@@ -122,7 +119,7 @@ def findings(training: pd.DataFrame) -> list[Finding]:
     timed = training.dropna(subset=["seconds"])
     timed = timed[timed["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
     for recipe in ("paper", "tuned", ""):
-        rows = timed[timed["recipe"].fillna("") == recipe]
+        rows = timed[timed["recipe"] == recipe]
         if len(rows[["device", "threads"]].drop_duplicates()) != 1:
             continue
         frame = training_table(rows).frame.rename(columns={"arch": "planner"})

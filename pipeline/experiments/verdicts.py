@@ -282,7 +282,7 @@ def representative(rows: pd.DataFrame, training: pd.DataFrame) -> Name | None:
     names = networks_in(rows)
     if len(names) == 1:
         return names.pop()
-    known = training.dropna(subset=VALIDATED).fillna({"recipe": ""}).groupby(["arch", "recipe"])
+    known = training.dropna(subset=VALIDATED).groupby(["arch", "recipe"])
     means = known[VALIDATED].mean().astype(float)
     means = means[means.index.isin(names)]
     if means.empty:
