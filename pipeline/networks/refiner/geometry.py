@@ -1,4 +1,4 @@
-"""Closest approaches of craft and the normals of separating planes, in units of r_col and Δt.
+"""Closest approaches of craft, separating planes and their sides, in units of r_col and Δt.
 
 Relative motion is linear and fuel is a norm, so a swarm twice as large with twice the collision
 radius has the same transfers at twice the fuel. In units of r_col and Δt this scale drops out:
@@ -17,8 +17,7 @@ from typing import Any, no_type_check
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain, tensor
-from pipeline.networks.refiner.arrays import constant, njit, rows, where
-from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.arrays import constant, njit, rows, self_adjoint, where
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
@@ -79,6 +78,44 @@ def in_units(
 def per_step(problem: Problem) -> Float[Array, "6"]:
     """Factors that turn a state in m and m/s into lengths: 1 for positions, Δt for velocities."""
     return np.repeat([1.0, problem.time_step], 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """The sides of L planes, grouped by craft; plane l has the sides 2l and 2l + 1."""
+
+    craft: Int[Any, "C"]  # the C craft with planes, in order
+    start: Int[Any, "_"]  # where the sides of each begin in ``order``, and at last their number
+    order: Int[Any, "S"]  # all sides, craft after craft
+    place: Int[Any, "S"]  # of each side, the index of its craft in ``craft``
+
+    @classmethod
+    def of(cls, craft: Int[Any, "L 2"]) -> "Sides":
+        """Both sides of separating planes between two craft each, by craft."""
+        xp, flat = namespace(craft), craft.reshape(-1)
+        there, place, count = xp.unique(flat, return_inverse=True, return_counts=True)
+        start = xp.concatenate([count[:1] * 0, count.cumsum(0)])
+        return cls(there, start, place.argsort(stable=True), place)
+
+    def totals(self, values: Float[Any, "L 2"]) -> Float[Any, "L 2"]:
+        """For each side, the sum of values over all sides of its craft."""
+        return np.bincount(self.place, values.reshape(-1))[self.place].reshape(values.shape)
+
+    def aggregate(
+        self, messages: Float[Any, "L 2 H"], free: Float[Any, "L m"]
+    ) -> Float[Any, "L 2 _"]:
+        """Message aggregation: a cosine-weighted sum and a sum over the encounters of each craft.
+
+        The cosine is that between the planes' normals, which the second craft sees reversed.
+        """
+        vectors = plain(free)
+
+        def sums(values: Float[Array, "L 2 _"]) -> Float[Array, "L 2 _"]:
+            result = np.zeros_like(values)
+            add_up(values, vectors, self.start, self.order, result)
+            return result
+
+        return self_adjoint(sums, namespace(messages).concatenate([messages, messages], axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +286,8 @@ def _length(vector: Float[Any, "L 3"]) -> Float[Any, "L 1"]:
     return namespace(vector).linalg.vector_norm(vector, axis=1, keepdims=True)
 
 
-# Closest approaches within an interval, compiled; jaxtyping cannot look into these functions.
+# Closest approaches within an interval and sums over the sides of each craft, compiled; jaxtyping
+# cannot look into these functions.
 
 
 @no_type_check
@@ -414,3 +452,35 @@ def position_at(motion, s):
     y = motion[0, 1] + s * (motion[1, 1] + s * (motion[2, 1] + s * motion[3, 1]))
     z = motion[0, 2] + s * (motion[1, 2] + s * (motion[2, 2] + s * motion[3, 2]))
     return x, y, z
+
+
+@no_type_check
+@njit(cache=True, fastmath=True)
+def add_up(messages, free, start, order, result):
+    """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
+
+    Messages, (L, 2, 2H), have the terms of the first sum and those of the second.
+    """
+    m, H = free.shape[1], messages.shape[2] // 2
+    every = np.empty(H, messages.dtype)
+    for c in range(len(start) - 1):
+        every[:] = 0.0
+        for a in range(start[c], start[c + 1]):
+            for h in range(H):
+                every[h] += messages[order[a] >> 1, order[a] & 1, H + h]
+        for a in range(start[c], start[c + 1]):
+            one, at = order[a] >> 1, order[a] & 1
+            for h in range(H):
+                result[one, at, H + h] = every[h]
+            for b in range(start[c], a + 1):
+                other, there = order[b] >> 1, order[b] & 1
+                cosine = messages.dtype.type(0.0)
+                for x in range(m):
+                    cosine += free[one, x] * free[other, x]
+                if at != there:
+                    cosine = -cosine
+                for h in range(H):
+                    result[one, at, h] += cosine * messages[other, there, h]
+                if a != b:
+                    for h in range(H):
+                        result[other, there, h] += cosine * messages[one, at, h]

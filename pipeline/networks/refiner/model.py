@@ -32,7 +32,7 @@ from pipeline.networks.document import Answer, EndStates, portions, read_model, 
 from pipeline.networks.recipes import REFINER
 from pipeline.networks.refiner import geometry, programs
 from pipeline.networks.refiner.arrays import cast, constant, rows, sigmoid, with_rows
-from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.geometry import Sides
 from pipeline.orbit.problem import Problem
 
 PLANE_DISTANCE = 1.3  # in r_col, within which a local minimum of the distance gets a plane

@@ -19,8 +19,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
 from pipeline.networks.refiner.arrays import constant, njit, rows
-from pipeline.networks.refiner.geometry import Grid, per_step
-from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.geometry import Grid, Sides, per_step
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.problem import Problem

@@ -19,8 +19,7 @@ from pipeline.errors import InputError
 from pipeline.networks.device import torch_device
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.arrays import where
-from pipeline.networks.refiner.geometry import Grid, accelerations, positions, velocities
-from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.geometry import Grid, Sides, accelerations, positions, velocities
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
 

@@ -8,7 +8,7 @@ CODE = """
 import numpy as np
 from numba.core import caching
 caching.CacheImpl._locator_classes = [caching.UserProvidedCacheLocator]  # no other is writable
-from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.geometry import Sides
 print(Sides.of(np.array([[4, 7]])).aggregate(np.ones((1, 2, 3)), np.ones((1, 2))).shape)
 """
 

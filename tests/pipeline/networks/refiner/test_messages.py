@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from pipeline.arrays import plain
-from pipeline.networks.refiner.sides import Sides
+from pipeline.networks.refiner.geometry import Sides
 from pipeline.networks.refiner.tensors import PaddedSides
 
 CRAFT, ENCOUNTERS, H, M = 7, 12, 3, 5

@@ -7,9 +7,8 @@ from scipy.optimize import linprog
 from tableaux import one_of
 
 from pipeline.errors import InputError
-from pipeline.networks.refiner.geometry import grid_of
+from pipeline.networks.refiner.geometry import Sides, grid_of
 from pipeline.networks.refiner.programs import LARGEST_DUAL, decoupled_optima
-from pipeline.networks.refiner.sides import Sides
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
 

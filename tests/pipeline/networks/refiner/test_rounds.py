@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from pipeline.arrays import plain
+from pipeline.networks.refiner.geometry import Sides
 from pipeline.networks.refiner.model import (
     FEATURES,
     MARGIN,
@@ -16,7 +17,6 @@ from pipeline.networks.refiner.model import (
     trades,
 )
 from pipeline.networks.refiner.refiner import MessagePassing
-from pipeline.networks.refiner.sides import Sides
 
 
 def given(distance, dual, first_dual, trade=0.0):

@@ -11,7 +11,7 @@ from tableaux import one_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner import tensors
-from pipeline.networks.refiner.geometry import Encounters, grid_of
+from pipeline.networks.refiner.geometry import Encounters, Sides, grid_of
 from pipeline.networks.refiner.on_board import ROUND, STEPS, told_each_round
 from pipeline.networks.refiner.on_board_export import (
     Discrepancy,
@@ -20,7 +20,6 @@ from pipeline.networks.refiner.on_board_export import (
     swarm_controls,
 )
 from pipeline.networks.refiner.programs import LARGEST_DUAL, decoupled_optima
-from pipeline.networks.refiner.sides import Sides
 from pipeline.networks.refiner.tensors import is_minimum, nearest
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
