@@ -1,6 +1,6 @@
 """Experiment 1: collisions and fuel of ten spacecraft (the paper's Table 2, Figures 2 and 3)."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -141,13 +141,13 @@ REPRODUCED: Rules = (((True, True), "Yes"), ((False, True), "In part"), ((False,
 """By whether all numbers of all networks are as asked, and whether any is."""
 
 
-def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
+def findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Iterator[Finding]:
     """Whether each group of networks that were flown at swarm size n plans safely and cheaply."""
     predicate = f"plan safely and cheaply (n = {n})?"
     return network_findings(predicate, trials, training, n, papers="Do the paper's networks")
 
 
-def paper_findings(summary: pd.DataFrame) -> list[Finding]:
+def paper_findings(summary: pd.DataFrame) -> Iterator[Finding]:
     """Findings on the paper's networks against its Table 2, one for each training recipe."""
     here = summary[summary["n"] == paper.NETWORK_SIZE]
     baseline = "".join(
@@ -156,7 +156,6 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
         for row in here[here["planner"] == DECOUPLED].to_dict("records")
     )
     quoted = paper.OBJECTIVES.drop("expert")[[COLLISIONS.source, FUEL.source]]
-    found = []
     for recipe, reading in (("paper", PREDICTED), ("tuned", FLOWN)):
         rows = here[(here["recipe"] == recipe) & (here["reading"] == reading)]
         rows = rows[rows["planner"].isin(quoted.index)].set_index("planner")
@@ -178,5 +177,4 @@ def paper_findings(summary: pd.DataFrame) -> list[Finding]:
             fewer, cheaper = good.sum()
             numbers = f"flown, {spans}; {fewer} and {cheaper} of {len(rows)} networks do"
         verdict = decide(REPRODUCED, bool(good.all(axis=None)), bool(good.any(axis=None)))
-        found.append(Finding(question, verdict, numbers, baseline))
-    return found
+        yield Finding(question, verdict, numbers, baseline)

@@ -1,6 +1,6 @@
 """Experiment 2: collisions, safety, fuel and time against swarm size (Figures 4 to 7)."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, product
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -116,14 +116,13 @@ def sizes_figure(summary: pd.DataFrame, quantity: Quantity, styles: Mapping[str,
     return figure
 
 
-def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> list[Finding]:
+def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Iterator[Finding]:
     """Findings on the largest swarm flown, up to n = 30; none if that is experiment 1's ``n``."""
     trials = averages.sizes_of_paper(trials)
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
-    if largest == n:
-        return []
-    predicate = f"trained at n = {paper.NETWORK_SIZE} work at other sizes (n = {largest})?"
-    return verdicts.network_findings(predicate, trials, training, largest)
+    if largest != n:
+        predicate = f"trained at n = {paper.NETWORK_SIZE} work at other sizes (n = {largest})?"
+        yield from verdicts.network_findings(predicate, trials, training, largest)
 
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
@@ -177,7 +176,7 @@ def _compare_families(
     return []
 
 
-def time_findings(trials: pd.DataFrame) -> list[Finding]:
+def time_findings(trials: pd.DataFrame) -> Iterator[Finding]:
     """Whether the time of the paper's networks grows less with n than the experts'.
 
     Experts and networks were timed on the same scenarios of each n, so the ratios of their times
@@ -190,7 +189,7 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
     experts = timed[timed["planner"].isin(labels.EXPERTS)]
     sizes = sorted(set(networks["n"]) & set(experts["n"]))
     if len(sizes) < 2:
-        return []
+        return
     ends = sizes[0], sizes[-1]
 
     def logs(rows: pd.DataFrame) -> pd.DataFrame:
@@ -209,11 +208,9 @@ def time_findings(trials: pd.DataFrame) -> list[Finding]:
         small, large = (mean_interval(row[~np.isnan(row)]) for row in (mine - other).to_numpy())
         differences.append((large[0] - small[1], large[1] - small[0]))
     of_experts = [f"{name_of(name)} {number(growth(rows))}" for name, rows in theirs.items()]
-    return [
-        Finding(
-            "Does the networks' time to plan grow less with n than the expert's, as in the paper?",
-            verdicts.verdict_on_lower(True, differences),
-            f"from n = {ends[0]} to n = {ends[1]}: networks {span(map(growth, ours))} times, "
-            f"{', '.join(of_experts)}",
-        )
-    ]
+    yield Finding(
+        "Does the networks' time to plan grow less with n than the expert's, as in the paper?",
+        verdicts.verdict_on_lower(True, differences),
+        f"from n = {ends[0]} to n = {ends[1]}: networks {span(map(growth, ours))} times, "
+        f"{', '.join(of_experts)}",
+    )

@@ -1,6 +1,6 @@
 """Experiment 3: run time of the expert and of a plain SCP by seed (the paper's Figure 8)."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -207,11 +207,10 @@ OURS: Rules = (
 """By whether all seeds slow our expert down, and whether any speeds it up."""
 
 
-def findings(warmstarts: pd.DataFrame) -> list[Finding]:
+def findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
     """Whether the plans of each group of networks speed up the optimizers that they seed."""
     ratios = {optimizer: _ratios(warmstarts, optimizer) for optimizer in NAMES}
     baseline = "; ".join(_seed_ratios(name, found) for name, found in ratios.items() if len(found))
-    rows = []
     for group in verdicts.groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
         mine = {name: found[_is_of(group, found.index)] for name, found in ratios.items()}
         if not any(map(len, mine.values())):
@@ -234,11 +233,10 @@ def findings(warmstarts: pd.DataFrame) -> list[Finding]:
             if len(found)
         )
         text = "; ".join(verdict_parts)
-        rows.append(Finding(question, text[0].upper() + text[1:], numbers, baseline))
-    return rows
+        yield Finding(question, text[0].upper() + text[1:], numbers, baseline)
 
 
-def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
+def paper_findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
     """Whether the paper's claims on its networks' seeds hold, for the plain SCP.
 
     The variation of times is their mean deviation from the median of their seed (M. Brown,
@@ -248,7 +246,7 @@ def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
     rows = _converged(warmstarts, PLAIN)
     networks = rows[rows["seed"].map(planner_of).map(labels.is_of_paper).astype(bool)]
     if networks.empty:
-        return []
+        return
     several = bool(networks.groupby("seed")["training_seed"].nunique().min() > 1)
     seconds = rows["seconds"].astype(float)
     median = seconds.groupby([rows["seed"], rows["training_seed"]]).transform("median")
@@ -267,10 +265,8 @@ def paper_findings(warmstarts: pd.DataFrame) -> list[Finding]:
     steady = "Do times vary less from networks' seeds than from the straight line, as in the paper?"
     quick = "Is FFcol's the quickest seed of the networks', as in the paper?"
     spread = "mean deviation from the median"
-    return [
-        *_on_pairs(steady, line, away, away.mean(), spread, several=several),
-        *_on_pairs(quick, best, logs, np.exp(logs.mean()), "geometric mean", several=several),
-    ]
+    yield from _on_pairs(steady, line, away, away.mean(), spread, several=several)
+    yield from _on_pairs(quick, best, logs, np.exp(logs.mean()), "geometric mean", several=several)
 
 
 def _on_pairs(
@@ -281,21 +277,21 @@ def _on_pairs(
     name: str,
     *,
     several: bool,
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """The finding on whether times from the first seed of each pair are lower; none without pairs.
 
     Values are by trial (rows) and seed (columns); ``shown`` is the statistic of each seed that the
     finding quotes, s, and ``name`` its name.
     """
     if not pairs:
-        return []
+        return
     lower = [mean_interval((values[a] - values[b]).dropna().to_numpy()) for a, b in pairs]
     ours, others = (span(shown[list(set(side))]) for side in zip(*pairs, strict=True))
     numbers = (
         f"{NAMES[PLAIN]}, {name}: {ours} s against {others} s, "
         f"{sum(high < 0 for _, high in lower)} of {len(pairs)} pairs lower beyond chance"
     )
-    return [Finding(question, verdict_on_lower(several, lower), numbers)]
+    yield Finding(question, verdict_on_lower(several, lower), numbers)
 
 
 def _is_of(group: verdicts.Group, seeds: "pd.Index[str] | pd.Series[str]") -> Any:

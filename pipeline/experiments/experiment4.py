@@ -1,6 +1,6 @@
 """Experiment 4: networks at transfer times that they were not trained for."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pandas as pd
@@ -108,14 +108,13 @@ def times_figure(summary: pd.DataFrame, recipe: str, styles: Mapping[str, Style]
     return figure
 
 
-def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
+def findings(times: pd.DataFrame, training: pd.DataFrame) -> Iterator[Finding]:
     """Whether each group of networks that took part is safe and cheap at other T, at other Δt."""
     if times.empty:
-        return []
+        return
     trials = averages.prepared(times[times["reading"] != PREDICTED])
     trials = trials.assign(minutes=_minutes(trials))
     nodes, time_step = trained_on(times)
-    found = []
     for varied, called in zip(VARIED, ("nodes T", "time steps Δt"), strict=True):
         rows = rows_varying(trials, varied).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
@@ -135,9 +134,8 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
             several, fit = (len(verdicts.networks_in(some)) > 1 for some in (networks, fits))
             how = ", best on validation of those that fit" if fit else ", the only one that fits"
             numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
-            question = group.question(predicate)
-            found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, baseline))
-    return found
+            verdict = verdicts.where_safe_and_cheap(at)
+            yield Finding(group.question(predicate), verdict, numbers, baseline)
 
 
 def _by_time(rows: pd.DataFrame) -> dict[str, Performance]:

@@ -1,6 +1,6 @@
 """Experiment 5: close approaches, errors at the goal and Δv of plans that are flown."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pandas as pd
@@ -293,19 +293,18 @@ HOLDS: Rules = (
 """By whether plans hold in each of LOOPS: in few enough flights a pair comes within r_col."""
 
 
-def findings(flights: pd.DataFrame) -> list[Finding]:
+def findings(flights: pd.DataFrame) -> Iterator[Finding]:
     """Whether plans hold when flown, for each planner that keeps craft apart.
 
     They do where a pair comes within the collision radius in no more than 1 - SAFE of flights,
     by the whole interval, in the world of TYPICAL with errors.
     """
     if flights.empty:
-        return []
+        return
     summary = in_loops(summarize_flights(flights))
     typical = summary[summary["world"] == TYPICAL]
     with_errors = typical[typical["errors"] == records.WITH_ERRORS]
     without_errors = typical[(typical["errors"] == NO_ERRORS) & (typical["loop"] == OPEN)]
-    found = []
     for (n, planner, recipe), rows in with_errors.groupby(["n", "planner", "recipe"], sort=False):
         if planner in labels.BASELINES:
             continue
@@ -318,8 +317,8 @@ def findings(flights: pd.DataFrame) -> list[Finding]:
         baseline = f"Decoupled optimum: {_shares(decoupled)}" if len(decoupled) else ""
         shares = f"{_shares(rows)}; without errors {_shares(without_errors[same])}"
         numbers = f"{planner_label(str(planner), str(recipe))}, within r_col: {shares}"
-        found.append(Finding(question, decide(HOLDS, *holds), numbers, baseline))
-    return [*found, *_as_flown_findings(flights)]
+        yield Finding(question, decide(HOLDS, *holds), numbers, baseline)
+    yield from _as_flown_findings(flights)
 
 
 HOLD_AS_FLOWN: Rules = (
@@ -331,13 +330,12 @@ HOLD_AS_FLOWN: Rules = (
 """By whether no pair of any plan comes within r_col, and whether all goals are met."""
 
 
-def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
+def _as_flown_findings(flights: pd.DataFrame) -> Iterator[Finding]:
     """Whether plans made as flown hold without errors, for each planner that makes any.
 
     They do where in no flight a pair comes within the collision radius, or a craft ends further
     than ``ARRIVED`` from its goal.
     """
-    found = []
     for (planner, recipe), every in in_both_models(flights).groupby(
         ["planner", "recipe"], sort=False
     ):
@@ -346,8 +344,7 @@ def _as_flown_findings(flights: pd.DataFrame) -> list[Finding]:
         who = labels.name_in_sentence(str(planner))
         question = f"Do {who}'s plans hold outside the linear model if planned as flown?"
         text = f"{planner_label(str(planner), str(recipe))}: {_claim(every)}"
-        found.append(Finding(question, decide(HOLD_AS_FLOWN, bool(apart), bool(met)), text))
-    return found
+        yield Finding(question, decide(HOLD_AS_FLOWN, bool(apart), bool(met)), text)
 
 
 def _claim(flights: pd.DataFrame) -> str:

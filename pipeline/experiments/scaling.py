@@ -1,6 +1,6 @@
 """Scaling beyond the paper's largest swarm, n = 30."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -111,9 +111,9 @@ def scaling_figure(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Figure
     return figure
 
 
-def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
+def findings(shown: pd.DataFrame, training: pd.DataFrame) -> Iterator[Finding]:
     """Whether each group of networks is safe and cheap on the trials from ``larger_swarms``."""
-    found, baseline, decoupled = [], "", shown[shown["planner"] == DECOUPLED]
+    baseline, decoupled = "", shown[shown["planner"] == DECOUPLED]
     if not decoupled.empty:
         largest = decoupled["n"].max()
         text = performance(decoupled[decoupled["n"] == largest]).text
@@ -125,8 +125,7 @@ def findings(shown: pd.DataFrame, training: pd.DataFrame) -> list[Finding]:
         sizes = verdicts.rows_of(rows, name).groupby("n")
         at = {f"n = {n}": performance(part) for n, part in sizes}
         predicate = f"plan safely and cheaply beyond n = {paper.LARGEST_SIZE}?"
-        question = group.question(predicate)
         each = "; ".join(f"at {size} {one.text}" for size, one in at.items())
         numbers = f"{next(iter(at.values())).name}: {each}"
-        found.append(Finding(question, verdicts.where_safe_and_cheap(at), numbers, baseline))
-    return found
+        verdict = verdicts.where_safe_and_cheap(at)
+        yield Finding(group.question(predicate), verdict, numbers, baseline)

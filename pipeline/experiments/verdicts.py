@@ -1,6 +1,6 @@
 """Findings: a question, its verdict by a table of rules, and the numbers that decide it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby, product
 
@@ -312,11 +312,10 @@ def flown_networks(trials: pd.DataFrame) -> pd.DataFrame:
 
 def network_findings(
     predicate: str, trials: pd.DataFrame, training: pd.DataFrame, n: int, papers: str = PAPERS
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """A finding for each group of networks of which any was flown at one swarm size."""
     flown = flown_networks(trials)
     decoupled = trials[(trials["planner"] == DECOUPLED) & (trials["n"] == n)]
-    found = []
     for group in groups(flown.loc[flown["n"] == n, "planner"]):
         networks = group.of(flown)
         here = networks[networks["n"] == n]
@@ -339,6 +338,4 @@ def network_findings(
                 diff = compare(mine, decoupled)
                 more, low, high = (f"{100 * x:+.1f}" for x in (diff.safe, *diff.safe_interval))
                 baseline += f"; the network on the same trials: {more} % safe [{low}, {high}]"
-        question = group.question(predicate, papers)
-        found.append(Finding(question, verdict, "; ".join(numbers), baseline))
-    return found
+        yield Finding(group.question(predicate, papers), verdict, "; ".join(numbers), baseline)

@@ -177,4 +177,4 @@ def test_the_growth_of_the_networks_time_with_n_is_held_against_the_experts(rows
         assert answer.numbers == "from n = 2 to n = 30: networks 2.00 to 3.00 times, Expert 40.0"
     (alone,) = time_findings(table[table["training_seed"] == 0])
     assert alone.verdict == answer.verdict  # weights do not decide how long a network takes
-    assert time_findings(table[table["n"] == 10]) == []
+    assert list(time_findings(table[table["n"] == 10])) == []

@@ -73,7 +73,7 @@ def test_the_refiners_seeds_are_counted_with_no_others(both):
     refined = both[both["seed"] == "ff1 tuned"].assign(seed="refiner tuned")
     papers, refiner = seed_findings(pd.concat([both, refined.assign(seconds=0.1)]))
     assert papers.question.startswith("Do the paper's networks' plans speed up")
-    assert papers.numbers == seed_findings(both)[0].numbers
+    assert papers.numbers == next(seed_findings(both)).numbers
     assert refiner.question.startswith("Do the refiner's plans speed up")
     # 0.1 s of 2, 4 and 9 s: the geometric mean is 0.1 / 72^(1/3).
     assert refiner.numbers.startswith(f"Plain SCP: {0.1 / 72 ** (1 / 3):#.3g} of the time")
@@ -183,7 +183,7 @@ def test_a_claim_that_one_network_does_not_bear_out_stays_open():
     assert answer.verdict == ("Open for the paper's kind of optimizer; with ours, some save time")
     (answer,) = seed_findings(warmstarts((0.2, 0.5), (1.0, 1.6)))
     assert answer.verdict.endswith("with ours, no saving is proven")
-    assert seed_findings(no_rows("warmstarts")) == []
+    assert list(seed_findings(no_rows("warmstarts"))) == []
 
 
 def test_one_trial_proves_no_saving():
@@ -256,5 +256,5 @@ def test_ffcols_seed_is_held_against_the_others_by_its_recipe(others, verdict):
 
 def test_without_the_plain_scp_the_papers_words_on_seeds_are_not_judged():
     runs = warmstarts((0.2, 0.5), (1.3, 1.6))
-    assert paper_findings(runs[runs["optimizer"] == "expert"]) == []
-    assert paper_findings(no_rows("warmstarts")) == []
+    assert list(paper_findings(runs[runs["optimizer"] == "expert"])) == []
+    assert list(paper_findings(no_rows("warmstarts"))) == []

@@ -152,7 +152,7 @@ def test_transfer_times_that_hardly_differ_are_told_apart(times):
     header, _ = cells(times_tables(summarize_times(near))["fuel"])
     steps = ["119.99999", "120", "120.00001"]
     assert header[6:] == [f"20 min, Δt = {step} s" for step in steps]
-    other = times_findings(near, trained(("lstm1", "tuned", 0.5, 1.0)))[1]
+    _, other = times_findings(near, trained(("lstm1", "tuned", 0.5, 1.0)))
     assert "(20.000002 min)" in other.numbers, "of 4, 4 and 2 safe trials, the last is the worst"
 
 

@@ -203,7 +203,7 @@ def test_a_figure_of_plans_as_flown_has_panels_for_each_size_and_hollow_markers_
 
 
 def test_without_flights_nothing_is_answered():
-    assert flight_findings(table(expert=MARGINAL).head(0)) == []
+    assert list(flight_findings(table(expert=MARGINAL).head(0))) == []
 
 
 def test_errors_at_the_goal_are_those_of_the_median_flight_in_each_condition():

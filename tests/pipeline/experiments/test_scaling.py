@@ -138,7 +138,7 @@ def test_findings_have_the_numbers_of_each_size(planned):
 
 def test_without_larger_swarms_there_is_no_section(trials, planned):
     assert sections(prepared(trials), trained(), {}) == []
-    assert scaling_findings(larger_swarms(prepared(trials), trained()), trained()) == []
+    assert list(scaling_findings(larger_swarms(prepared(trials), trained()), trained())) == []
     (one,) = sections(planned, VALID, planner_styles(planned["planner"]))
     text = Writer().write(one)
     assert text.startswith("## Beyond 30 spacecraft")

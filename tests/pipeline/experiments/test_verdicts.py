@@ -24,7 +24,7 @@ def ask(rows):
                 for row in flown(rows, name, "tuned", shares(safe), fuel, seed=seed)
             ),
         ]
-        return findings(prepared(pd.DataFrame(table)), training, 10)[0]
+        return next(findings(prepared(pd.DataFrame(table)), training, 10))
 
     return asked
 
