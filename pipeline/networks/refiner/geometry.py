@@ -156,16 +156,13 @@ class Encounters(Rows):
         self,
         states: Float[Any, "N T 6"],
         within: Float[Any, "E"],
-        before: EncounterGeometry | None = None,
-        moved: Bool[Any, "N"] | None = None,
+        before: EncounterGeometry,
+        moved: Bool[Any, "N"],
     ) -> EncounterGeometry:
         """The closest approach of each encounter; beyond ``within`` it may be left infinite.
 
-        Pairs of which neither craft has moved keep the result ``before``; by default all have.
+        Pairs of which neither craft has moved keep the result ``before``.
         """
-        if before is None or moved is None:
-            E, moved = len(self), np.ones(len(states), dtype=bool)
-            before = EncounterGeometry(np.empty(E), np.empty(E), np.empty(E, dtype=bool))
         found = [values.copy() for values in vars(before).values()]
         nearest(plain(states), self.first, self.second, self.interval, within, moved, *found)
         return EncounterGeometry(*found)

@@ -215,7 +215,10 @@ def start(data: ProblemData) -> Iterate:
     controls = like(data.own.controls, data.initial)
     nothing = like(np.zeros((len(data.swarm), 2)), data.swarm)
     states = data.grid.fly(data.initial, controls)
-    near = data.met.approaches(states, nothing[:, 0] + PLANE_DISTANCE)
+    far = nothing[:, 0] + PLANE_DISTANCE
+    unseen = geometry.EncounterGeometry(far, far, far > 0)  # replaced, as all craft have moved
+    moved = like(np.ones(len(states), dtype=bool), data.swarm)
+    near = data.met.approaches(states, far, unseen, moved)
     return Iterate(controls, states, near, nothing, nothing)
 
 

@@ -73,8 +73,7 @@ class Decoupled(Rows):
 
     def first_duals(self, craft: Int[Any, "k"], gain: Float[Any, "k m"]) -> Float[Any, "k"]:
         """The cost to a craft of the first unit along a row: the dual simplex ratio."""
-        found = first_ratios(self.tableau, self.basis, self.others, self.cost, craft, gain)
-        return np.asarray(found)
+        return first_ratios(self.tableau, self.basis, self.others, self.cost, craft, gain)
 
 
 def decoupled_optima(

@@ -42,15 +42,11 @@ class TensorEncounters(geometry.Encounters):
         self,
         states: Float[Tensor, "N T 6"],
         within: Float[Tensor, "E"],
-        before: geometry.EncounterGeometry | None = None,
-        moved: Bool[Tensor, "N"] | None = None,
+        before: geometry.EncounterGeometry,
+        moved: Bool[Tensor, "N"],
     ) -> geometry.EncounterGeometry:
         """The closest approach of each encounter, of all at once; as ``geometry.Encounters``."""
         ends = self.relative(states)
-        if before is None or moved is None:
-            moved = torch.ones_like(states[:, 0, 0], dtype=torch.bool)
-            # Of the right shapes and types alone: none of it is kept, as all craft have moved.
-            before = geometry.EncounterGeometry(within, within, within > 0)
         active = moved[self.first] | moved[self.second]
         share, minimum = before.share.masked_fill(active, 0.0), before.is_minimum & ~active
         distance = before.distance.masked_fill(active, torch.inf)

@@ -8,7 +8,12 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from pipeline.networks.refiner import geometry
-from pipeline.networks.refiner.geometry import Encounters, encounters, in_units
+from pipeline.networks.refiner.geometry import (
+    EncounterGeometry,
+    Encounters,
+    encounters,
+    in_units,
+)
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy, track
 from pipeline.scenario import draw
@@ -49,9 +54,11 @@ def pairs_of(ends):
     return Encounters(pair, pair + len(ends), np.zeros_like(pair)), both
 
 
-def approaches(met, states):
-    """The closest approach of every encounter, however far."""
-    return met.approaches(states, np.full(len(met), np.inf))
+def approaches(met, states, within=np.inf):
+    """The closest approach of every encounter, however far, or within a distance."""
+    within = np.full(len(met), within)
+    unseen = EncounterGeometry(within, within, within > 0)
+    return met.approaches(states, within, unseen, np.ones(len(states), dtype=bool))
 
 
 def test_every_pair_and_interval_within_the_distance_is_found_and_no_other(within):
@@ -98,7 +105,7 @@ def test_who_is_sure_to_stay_beyond_a_distance_is_not_looked_at_and_nobody_else(
     ends = rng.normal(size=(3000, 2, 6)) * [2, 2, 2, 1, 1, 1]
     met, states = pairs_of(ends)
     every = approaches(met, states)
-    some = met.approaches(states, np.full_like(every.distance, 2.0))
+    some = approaches(met, states, 2.0)
     unseen = np.isinf(some.distance)
     assert (every.distance[unseen] > 2).all()
     assert np.array_equal(some.distance[~unseen], every.distance[~unseen])

@@ -11,7 +11,7 @@ from tableaux import one_of
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.refiner import tensors
-from pipeline.networks.refiner.geometry import Encounters, Sides, grid_of
+from pipeline.networks.refiner.geometry import EncounterGeometry, Encounters, Sides, grid_of
 from pipeline.networks.refiner.on_board import ROUND, STEPS, told_each_round
 from pipeline.networks.refiner.on_board_export import (
     Discrepancy,
@@ -146,7 +146,9 @@ def test_the_closest_approach_that_a_craft_finds_is_the_swarm_s():
     first = np.arange(0, 40, 2).repeat(5)
     met = Encounters(first, first + 1, np.tile(np.arange(5), 20))
     ends = torch.from_numpy(met.relative(states))
-    share, found = nearest(ends), met.approaches(states, np.full(len(met), np.inf))
+    far, moved = np.full(len(met), np.inf), np.ones(len(states), dtype=bool)
+    found = met.approaches(states, far, EncounterGeometry(far, far, far > 0), moved)
+    share = nearest(ends)
     assert share.numpy() == pytest.approx(found.share, abs=1e-6)
     assert np.array_equal(is_minimum(ends, share).numpy(), found.is_minimum)
     assert (~found.is_minimum).sum() > 5
