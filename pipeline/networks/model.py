@@ -16,18 +16,9 @@ from pipeline.arrays import Array, Float
 from pipeline.documents import with_checksum, write_document
 from pipeline.errors import InputError
 from pipeline.files import published
+from pipeline.networks import document as stored
 from pipeline.networks.architecture import Swarms, find, swarms
-from pipeline.networks.document import (
-    DOCUMENT_FILE,
-    WEIGHTS_FILE,
-    Answer,
-    EndStates,
-    ModelDocument,
-    ProblemFields,
-    portions,
-    read_model,
-    read_weights,
-)
+from pipeline.networks.document import Answer, EndStates, portions
 from pipeline.networks.encoding import Encoding
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
@@ -116,20 +107,20 @@ class Model:
 def save(model: Model, folder: Path) -> None:
     """Write ``weights.safetensors``, then ``model.json`` with their digest and its own checksum."""
     weights, document = _documented(model)
-    with published(folder / WEIGHTS_FILE) as temporary:
+    with published(folder / stored.WEIGHTS_FILE) as temporary:
         temporary.write_bytes(weights)
-    write_document(folder / DOCUMENT_FILE, with_checksum(document.model_dump(mode="json")))
+    write_document(folder / stored.DOCUMENT_FILE, with_checksum(document.model_dump(mode="json")))
 
 
-def _documented(model: Model) -> tuple[bytes, ModelDocument]:
+def _documented(model: Model) -> tuple[bytes, stored.ModelDocument]:
     """The weights as bytes, and the document with their digest."""
     weights = tensors_to({k: v.contiguous() for k, v in model.network.state_dict().items()})
     encoding = model.encoding
-    document = ModelDocument(
+    document = stored.ModelDocument(
         architecture=model.architecture,
         config=dict(model.config),
         recipe=model.recipe,
-        problem=ProblemFields(**encoding.problem.document()),
+        problem=stored.ProblemFields(**encoding.problem.document()),
         n_train=encoding.n,
         interior=encoding.interior,
         target=encoding.target,
@@ -142,7 +133,7 @@ def _documented(model: Model) -> tuple[bytes, ModelDocument]:
 
 def load(folder: Path) -> Model:
     """The model that ``save`` wrote; InputError where files are missing, damaged or do not fit."""
-    document = read_model(folder)
+    document = stored.read_model(folder)
     encoding = Encoding(
         problem=Problem(**document.problem.model_dump()),
         n=document.n_train,
@@ -155,11 +146,11 @@ def load(folder: Path) -> Model:
         network = _skeleton(document.architecture, document.config, encoding)
     except NO_NETWORK as error:
         raise InputError(
-            f"{folder / DOCUMENT_FILE}: config is {document.config}, of which architecture "
+            f"{folder / stored.DOCUMENT_FILE}: config is {document.config}, of which architecture "
             f"{document.architecture!r} makes no network; train the model again."
         ) from error
-    weights = read_weights(folder, document.weights_sha256, tensors_from)
-    _check_weights(folder / WEIGHTS_FILE, weights, network.state_dict())
+    weights = stored.read_weights(folder, document.weights_sha256, tensors_from)
+    _check_weights(folder / stored.WEIGHTS_FILE, weights, network.state_dict())
     network.load_state_dict(weights, assign=True)
     return Model(document.architecture, document.config, document.recipe, encoding, network)
 
