@@ -248,17 +248,13 @@ def cost(scenario: Scenario) -> float:
     return problem.time_step * float(np.linalg.norm(controls, order, axis=2).sum())
 
 
-def case_row(case: BenchmarkCase, intervals: int | None = None) -> dict[str, object]:
-    """A row with our Δv of a case beside theirs; ``intervals`` replaces the number of arcs."""
+def case_row(case: BenchmarkCase) -> dict[str, object]:
+    """A row with our Δv of a case beside theirs."""
     ours, theirs = 0.0, case.theirs()
     for file in case.files:
         scenario = read_scenario(ROOT / f"examples/{file}.json")
-        problem = scenario.problem
-        if intervals is not None:
-            step = problem.duration / intervals
-            problem = replace(problem, nodes=intervals + 1, time_step=step)
-        problem = replace(problem, thrust=replace(problem.thrust, model=case.thrust))
-        ours += cost(replace(scenario, problem=problem))
+        thrust = replace(scenario.problem.thrust, model=case.thrust)
+        ours += cost(replace(scenario, problem=replace(scenario.problem, thrust=thrust)))
     return {
         "case": case.name,
         "file": ", ".join(f"`{file}.json`" for file in case.files),
