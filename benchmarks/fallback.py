@@ -81,12 +81,13 @@ def _compared(flown: NetworkPlanner, family: str, n: int, count: int) -> list[Ta
         "expert, first safe": lambda some: solve_many(some, settings=FIRST_SAFE),
         "expert": lambda some: solve_many(some, settings=Settings()),
     }
+    parts = [scenarios[k : k + TOGETHER // n] for k in range(0, count, TOGETHER // n)]
     times: dict[str, list[float]] = {name: [] for name in planners}
     plans: dict[str, list[Plan]] = {}
     for _ in range(TURNS):
         for name, plan in planners.items():
             started = process_time()
-            plans[name] = _in_parts(plan, scenarios)
+            plans[name] = [made for part in parts for made in plan(part)]
             times[name].append((process_time() - started) / count)
     plans["network answers"] = plans["network"]
     return [
@@ -101,12 +102,6 @@ def _compared(flown: NetworkPlanner, family: str, n: int, count: int) -> list[Ta
         }
         for name, taken in times.items()
     ]
-
-
-def _in_parts(plan: Plans, scenarios: Sequence[Scenario]) -> list[Plan]:
-    step = TOGETHER // scenarios[0].n
-    parts = (scenarios[k : k + step] for k in range(0, len(scenarios), step))
-    return [made for part in parts for made in plan(part)]
 
 
 def _one_solve(flown: NetworkPlanner, scenarios: Sequence[Scenario]) -> list[Plan]:

@@ -71,7 +71,9 @@ def _examples(count: int) -> Examples:
 
 def _rows(arch: str, examples: Examples, rounds: int) -> list[TableRow]:
     recipe = recipe_for(arch, "tuned")
-    seconds = _in_turn(_ways(arch, recipe, examples), rounds)
+    ways = _ways(arch, recipe, examples)
+    taken = [[timeit(epoch, number=1) for epoch in ways.values()] for _ in range(rounds + 1)]
+    seconds = dict(zip(ways, np.array(taken[1:]).T, strict=True))  # the first round warms up
     return [
         {
             "network": arch,
@@ -127,12 +129,6 @@ def _plain_epoch(
         optimizer.step()
         total += loss.item()
     return total
-
-
-def _in_turn(ways: Mapping[str, RunEpoch], rounds: int) -> dict[str, np.ndarray]:
-    """Seconds of each way in each round, after one more round to warm up."""
-    seconds = [[timeit(epoch, number=1) for epoch in ways.values()] for _ in range(rounds + 1)]
-    return dict(zip(ways, np.array(seconds[1:]).T, strict=True))
 
 
 if __name__ == "__main__":
