@@ -21,8 +21,7 @@ from pipeline.planners.classical import Expert
 from pipeline.planners.network import FallbackPlanner, NetworkPlanner
 from pipeline.scenario import draw
 
-COUNTS = {10: 100, 30: 30}
-"""Number of scenarios, by swarm size."""
+COUNTS = {10: 100, 30: 30}  # scenarios by swarm size
 
 COLUMNS = {
     "n": "n",

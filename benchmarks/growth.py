@@ -34,9 +34,7 @@ from pipeline.scenario.state_constraints import state_constraints
 
 MARK = "<!-- made by python -m benchmarks.growth -->"
 SEED = 2022
-SIZES = {10: 100, 30: 50, 100: 20, 300: 6, 1000: 3, 3000: 1, 10_000: 1}
-"""Scenarios by swarm size."""
-
+SIZES = {10: 100, 30: 50, 100: 20, 300: 6, 1000: 3, 3000: 1, 10_000: 1}  # scenarios by craft
 PATIENCE = 600.0  # CPU time that a size has, drawing included, s
 
 

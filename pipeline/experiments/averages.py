@@ -102,15 +102,10 @@ def aggregate_trainings(
     return found.sort_values(list(group), key=rank, ignore_index=True, kind="stable")
 
 
-PLANNER_KEY = ["planner", "recipe", "reading"]
-"""Columns that identify a planner in a summary."""
-
-PLANNER_COLUMNS = [
-    Column("Planner", "name"),
-    Column("Recipe", "recipe"),
-    Column("Reading", "reading"),
-]
-"""The same on the page, for rows from ``with_names``."""
+PLANNER_KEY = ["planner", "recipe", "reading"]  # columns that identify a planner in a summary
+# Columns on the page, for rows from ``with_names``
+N, PLANNER, RECIPE = Column("n", "n", count), Column("Planner", "name"), Column("Recipe", "recipe")
+PLANNER_COLUMNS = [PLANNER, RECIPE, Column("Reading", "reading")]
 
 COLLISIONS = average("Collisions, av.", "collisions_mean", number, "node_collisions", spread=True)
 MOST_COLLISIONS = average(

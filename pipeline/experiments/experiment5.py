@@ -10,12 +10,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments import averages, records
-from pipeline.experiments.averages import average
+from pipeline.experiments.averages import PLANNER, RECIPE, N, average
 from pipeline.experiments.records import AS_FLOWN, LINEAR, LOOPS, NO_ERRORS, OPEN, TYPICAL
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
-from pipeline.figures.labels import count, error, number, planner_label, ratio, share
+from pipeline.figures.labels import error, number, planner_label, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
 from pipeline.flight.trials import SIZE
@@ -45,19 +45,17 @@ AVERAGES = (
     *(DELTA_V, MOST_DELTA_V, OVER_LINEAR, NO_PLAN),
 )
 
-N = Column("n", "n", count)
 CONDITIONS = [N, *(Column(name.capitalize(), name) for name in CONDITION)]
 
 COLUMNS = [
-    *(N, Column("Planner", "name"), Column("Recipe", "recipe"), *CONDITIONS[2:], WITHIN_SIZE),
+    *(N, PLANNER, RECIPE, *CONDITIONS[2:], WITHIN_SIZE),
     *(averages.SEPARATION, GOAL, GOAL_HIGH, DELTA_V, MOST_DELTA_V, NO_PLAN),
 ]
 """Columns of the table of all other averages, about the usual low orbit."""
 
 PLANNED_COLUMNS = [
-    *(N, Column("Orbit", "world"), Column("Planned", "planned")),
-    *(Column("Planner", "name"), Column("Recipe", "recipe"), WITHIN_RADIUS),
-    *(averages.SEPARATION, GOAL, GOAL_MOST, OVER_LINEAR),
+    *(N, Column("Orbit", "world"), Column("Planned", "planned"), PLANNER, RECIPE),
+    *(WITHIN_RADIUS, averages.SEPARATION, GOAL, GOAL_MOST, OVER_LINEAR),
 ]
 """Columns of the table of flights without errors: linear plans beside plans as flown."""
 

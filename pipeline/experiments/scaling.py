@@ -10,9 +10,9 @@ from pipeline.experiments import averages, paper, verdicts
 from pipeline.experiments.averages import COLLISIONS, FUEL_RATIO, SECONDS, Panel, average
 from pipeline.experiments.records import PREDICTED
 from pipeline.experiments.verdicts import DECOUPLED, Finding, performance
-from pipeline.figures.labels import count, in_order, is_of_paper, number, share
+from pipeline.figures.labels import in_order, is_of_paper, number, share
 from pipeline.figures.style import PAGE_WIDTH, Style, in_style
-from pipeline.figures.tables import Column, Picture, Section, Table
+from pipeline.figures.tables import Picture, Section, Table
 
 SHOWN = ("expert", "minimum energy", DECOUPLED)  # planners that are shown beside networks
 
@@ -23,7 +23,7 @@ DRAWN = (COLLISIONS, UNSAFE, EXCESS, SECONDS)
 """Averages drawn against n; fuel as its excess, since hundredths of the ratio count."""
 
 COLUMNS = [
-    *(Column("n", "n", count), Column("Planner", "name"), Column("Recipe", "recipe")),
+    *(averages.N, averages.PLANNER, averages.RECIPE),
     *(averages.TRIALS, COLLISIONS, UNSAFE, FUEL_RATIO, SECONDS),
 ]
 

@@ -24,8 +24,7 @@ PAGE_WIDTH = 7.2  # width of a figure across a page, inches
 INITIAL_COLOUR, GOAL_COLOUR, CONFLICT_COLOUR = "#0072B2", "#009E73", "#D55E00"
 """Blue, green and vermillion of the Okabe-Ito palette."""
 
-GREY = "#4d4d4d"
-"""Colour of axes, and of what belongs to no planner."""
+GREY = "#4d4d4d"  # colour of axes, and of what belongs to no planner
 
 REFERENCE: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (4, 3))}
 """Matplotlib's arguments of a line at a reference value."""

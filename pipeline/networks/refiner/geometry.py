@@ -306,7 +306,9 @@ def nearest(states, first, second, interval, within, moved, share, distance, is_
         else:
             fill_cubic(motion, one, other, t)
             share[k], distance[k] = closest(motion)
-            is_minimum[k] = 0.0 < share[k] < 1.0 or is_stationary(motion, share[k])
+            square, slope, _, speed = distance_at(motion, share[k])
+            stationary = slope * slope <= LEVEL * LEVEL * square * speed
+            is_minimum[k] = 0.0 < share[k] < 1.0 or stationary
 
 
 @no_type_check
@@ -415,14 +417,6 @@ def closest(motion):
         if square <= least * EQUAL:
             when, least = s, min(square, least)
     return when, np.sqrt(least)
-
-
-@no_type_check
-@njit(cache=True)
-def is_stationary(motion, s):
-    """Whether the distance of the cubic from 0 is stationary, up to rounding."""
-    square, slope, _, speed = distance_at(motion, s)
-    return slope * slope <= LEVEL * LEVEL * square * speed
 
 
 @no_type_check

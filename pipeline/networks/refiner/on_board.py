@@ -131,8 +131,7 @@ class Step(nn.Module):
 
     def own(self, craft: SimpleNamespace) -> TensorDecoupled:
         """The decoupled optimum, in a batch of one."""
-        ends = craft.initial[None], craft.goal[None]
-        return decoupled_optima(*ends, self.grid, self.problem)
+        return decoupled_optima(craft.initial[None], craft.goal[None], self.grid, self.problem)
 
     def scene(self, craft: SimpleNamespace) -> Scene:
         """The closest approaches of the P encounters."""
