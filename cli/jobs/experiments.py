@@ -65,7 +65,7 @@ class EvaluatedNetwork:
     def evaluated(self) -> EvaluatedPlanner:
         """The network flown and as predicted, for workers, which need no MLflow."""
         planner, of = NetworkPlanner(self.model, self.name), self.version
-        return EvaluatedPlanner(planner, of.recipe, of.training_seed, self.model)
+        return EvaluatedPlanner(planner, of.recipe, of.training_seed, self.model.predict)
 
 
 def networks(
@@ -234,7 +234,8 @@ def warmstart(
     sizes = WARMSTART_SIZES[optimizer] if settings.sizes is None else settings.sizes
     inputs = held_out(settings, int_list(sizes))
     scenarios = inputs.scenarios
-    seeds = {(one.evaluated.label, one.version.training_seed): one.model for one in inputs.networks}
+    each = [one.evaluated for one in inputs.networks]
+    seeds = {(one.label, one.training_seed): one.predictor for one in each if one.predictor}
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = list(scenarios.values())

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -13,6 +12,7 @@ from pipeline.arrays import Array, Float
 from pipeline.experiments import records
 from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.records import FLOWN, NODES, PLAN, PREDICTED, TIME_STEP, Trial
+from pipeline.networks.document import EndStates
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls
@@ -23,15 +23,8 @@ from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
-
-@runtime_checkable
-class Predictor(Protocol):
-    """A network that predicts trajectories, which need not obey the dynamics."""
-
-    def predict(
-        self, initial: Float[Array, "N n 6"], goal: Float[Array, "N n 6"]
-    ) -> Float[Array, "N n T 6"]:
-        """Node states, m and m/s."""
+Predictor = Callable[[EndStates, EndStates], Float[Array, "b n T 6"]]
+"""From initial and goal states to node states, m and m/s, which need not obey the dynamics."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +34,7 @@ class EvaluatedPlanner:
     planner: Planner
     recipe: str = ""  # of its training, where it has one
     training_seed: int = 0  # of that training
-    predictor: Predictor | None = None  # whose raw output is evaluated too, as in the paper
+    predictor: Predictor | None = None  # of its raw output, evaluated too, as in the paper
 
     @property
     def label(self) -> str:
@@ -153,7 +146,7 @@ def _predicted(
     problem = scenarios[0].problem
     initial = np.stack([scenario.initial for scenario in scenarios])
     goal = np.stack([scenario.goal for scenario in scenarios])
-    states = predictor.predict(initial, goal)
+    states = predictor(initial, goal)
     controls = implied_controls(states, problem)
     defect = dynamics_defect(states, controls, problem)
     ends = np.stack([states[..., 0, :] - initial, states[..., -1, :] - goal])

@@ -45,7 +45,7 @@ def run_warmstarts(
     seeds: dict[Source, SeedMaker] = {(name, 0): make for name, make in SEEDS.items()}
     if optimizer == PLAIN:
         seeds["decoupled optimum", 0] = decoupled_seed  # the expert's own start
-    seeds |= {source: partial(_network_seed, network) for source, network in predictors.items()}
+    seeds |= {source: partial(_network_seed, predictor) for source, predictor in predictors.items()}
     parts = []
     for some in filter(None, sizes):
         rules = _rules(optimizer, some[0])
@@ -111,4 +111,4 @@ def _run(scenario: Scenario, make: SeedMaker, optimize: Optimize) -> tuple[Plan,
 
 
 def _network_seed(predictor: Predictor, scenario: Scenario) -> Seed:
-    return predictor.predict(scenario.initial[None], scenario.goal[None])[0]
+    return predictor(scenario.initial[None], scenario.goal[None])[0]

@@ -41,7 +41,7 @@ def trials():
     energy = next(b for b in BASELINES if b.name == "minimum energy")
     entrants = [
         *(EvaluatedPlanner(planner) for planner in PLANNERS),
-        EvaluatedPlanner(energy, recipe="hand-made", predictor=Shifted()),
+        EvaluatedPlanner(energy, recipe="hand-made", predictor=Shifted().predict),
     ]
     (table,) = run_trials([Comparison(entrants, SCENARIOS)], timed=2, workers=ALONE)
     return table
@@ -164,6 +164,6 @@ def test_seeds_are_timed_on_one_thread():
             return fly(initial, minimum_energy(initial, goal, PROBLEM), PROBLEM)
 
     with threadpool_limits(2):
-        run_warmstarts({("seed", 0): Seed()}, [SCENARIOS[:1]])
+        run_warmstarts({("seed", 0): Seed().predict}, [SCENARIOS[:1]])
     assert len(threads) > 1
     assert set(threads) == {1}

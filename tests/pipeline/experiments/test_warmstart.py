@@ -29,12 +29,12 @@ class Oracle:
 
 @pytest.fixture(scope="module")
 def table():
-    return run_warmstarts({("oracle", 0): Oracle()}, [SCENARIOS])
+    return run_warmstarts({("oracle", 0): Oracle().predict}, [SCENARIOS])
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return run_warmstarts({("oracle", 0): Oracle()}, [FEW], "plain")
+    return run_warmstarts({("oracle", 0): Oracle().predict}, [FEW], "plain")
 
 
 def test_every_seed_and_rule_has_a_row_for_every_scenario(table):
