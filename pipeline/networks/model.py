@@ -17,7 +17,7 @@ from pipeline.documents import with_checksum, write_document
 from pipeline.errors import InputError
 from pipeline.files import published
 from pipeline.networks import document as stored
-from pipeline.networks.architecture import Swarms, find, swarms
+from pipeline.networks.architecture import find, swarms
 from pipeline.networks.document import Answer, EndStates, portions
 from pipeline.networks.encoding import Encoding
 from pipeline.orbit.problem import Problem
@@ -83,8 +83,7 @@ class Model:
         """Predicted node states, m and m/s, with the collision radius of the training data.
 
         Predicted states obey no dynamics; predicted controls are flown, and may miss the goal.
-        Swarms may have any n ≥ 1 craft, their states in m and m/s. InputError where both ends
-        differ in shape or are not finite states of swarms.
+        Swarms may have any n ≥ 1 craft; errors are those of ``answer``.
         """
         answer = self.answer(initial, goal, self.problem.collision_radius)
         return answer if self.answers == "states" else fly(initial, answer, self.problem)
@@ -93,15 +92,13 @@ class Model:
         self, initial: EndStates, goal: EndStates, collision_radius: float
     ) -> Float[Array, "b n _ _"]:
         """As in ``TrainedNetwork``."""
-        problem = replace(self.problem, collision_radius=collision_radius)
-        every = portions(initial, goal, problem.nodes, self.device)
-        batches = (swarms(problem, initial[part], goal[part]) for part in every)
-        return np.concatenate([self._answer(replace(b, device=self.device)) for b in batches])
-
-    @torch.inference_mode()
-    def _answer(self, batch: Swarms) -> Float[Array, "b n _ _"]:
-        answer = find(self.architecture).answer(self.network, batch, self.encoding)
-        return np.asarray(answer.double().cpu().numpy())
+        problem, found = replace(self.problem, collision_radius=collision_radius), []
+        with torch.inference_mode():
+            for part in portions(initial, goal, problem.nodes, self.device):
+                batch = replace(swarms(problem, initial[part], goal[part]), device=self.device)
+                answer = find(self.architecture).answer(self.network, batch, self.encoding)
+                found.append(answer.double().cpu().numpy())
+        return np.concatenate(found)
 
 
 def save(model: Model, folder: Path) -> None:
