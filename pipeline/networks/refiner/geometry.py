@@ -35,7 +35,6 @@ NEWTON_STEPS = 3  # steps from there; the last changes the result by less than a
 EQUAL = 1 + 1e-12
 THIRD = 1.0 / 3.0
 LEVEL = 1e-6  # cosine between gap and relative velocity below which the distance is stationary
-CAPACITY = 1024  # initial length of the array of encounters, doubled when full
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +318,7 @@ def close_pairs(states, n, within):
     Node states are (N, T, 6), distances, one for each swarm, (N / n,). The result, (3, k), is first
     craft, second craft and interval.
     """
-    found, count = np.empty((3, CAPACITY), np.int64), 0
+    found = []
     motion = np.empty((4, 3))
     for i in range(len(states)):
         swarm = i // n
@@ -328,15 +327,9 @@ def close_pairs(states, n, within):
                 if stays_beyond(states[i], states[j], t, within[swarm]):
                     continue
                 fill_cubic(motion, states[i], states[j], t)
-                if not comes_within(motion, within[swarm]):
-                    continue
-                if count == found.shape[1]:
-                    wider = np.empty((3, 2 * count), np.int64)
-                    wider[:, :count] = found
-                    found = wider
-                found[0, count], found[1, count], found[2, count] = i, j, t
-                count += 1
-    return found[:, :count].copy()
+                if comes_within(motion, within[swarm]):
+                    found.extend((i, j, t))
+    return np.array(found).reshape(-1, 3).T.copy()
 
 
 @no_type_check
