@@ -121,13 +121,10 @@ def solve_all(
     cost, ratio, there = np.empty(m - 6), np.empty(m - 6), np.empty(most, np.bool_)
     for c in range(C):
         craft, mine, u = craft_of[c], order[start[c] : start[c + 1]], controls[c]
-        for k in range(m - 6):
-            other[k], cost[k] = others[craft, k], costs[craft, k]
+        other[:], cost[:], u[:] = others[craft], costs[craft], own[craft]
+        basic[:6], side[:6], body[:6] = basis[craft], sides[craft], tableau[craft]
         for i in range(6):
-            basic[i], side[i] = basis[craft, i], sides[craft, i]
-            value[i] = own[craft, basic[i]]
-            body[i] = tableau[craft, i]
-        u[:] = own[craft]
+            value[i] = u[basic[i]]
         rows, there[:] = 6, False
         while True:
             # The optimum without their rows satisfies most planes, which then need none.
