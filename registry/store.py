@@ -181,8 +181,9 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
     if uri.startswith("sqlite:"):
         path, (_, mark, query) = database_path(uri), uri.partition("?")
         locations = {name: (path.parent / "mlruns" / name).as_uri() for name in names}
-        with _guarded(path, create=create):
-            _set_up(path)
+        with _guarded(path, create=create) as whole:
+            if not whole:
+                _set_up(path)
             return _open(f"{sqlite_url(path)}{mark}{query}", locations, path if create else None)
     if uri.startswith("file:") or ("://" not in uri and uri != "databricks"):
         raise InputError(
@@ -299,8 +300,10 @@ def database_path(uri: str) -> Path:
 
 
 @contextmanager
-def _guarded(path: Path, *, create: bool) -> Iterator[None]:
+def _guarded(path: Path, *, create: bool) -> Iterator[bool]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
+
+    The block is told whether all tables are there.
 
     Migrations of a fresh file collide when several processes start them at once. Without ``create``
     a file beside which no lock can be made is read without. InputError where the file is missing
@@ -320,8 +323,7 @@ def _guarded(path: Path, *, create: bool) -> Iterator[None]:
             except OSError as error:
                 if create or error.errno not in (EACCES, EPERM, EROFS):
                     raise
-            _check_database(path)
-            yield
+            yield _check_database(path)
     except Timeout as error:
         raise ProlearnError(
             f"{path}.lock has been held for {LOCK_SECONDS:g} s; expected the process that sets up "
@@ -329,13 +331,15 @@ def _guarded(path: Path, *, create: bool) -> Iterator[None]:
         ) from error
 
 
-def _check_database(path: Path) -> None:
-    """InputError for a file whose tables are not MLflow's; a missing or empty file is accepted."""
+def _check_database(path: Path) -> bool:
+    """Whether a file has all of MLflow's tables; InputError where it has others than MLflow's."""
+    from mlflow.store.db.utils import Base  # slow to import, and only files need it
+
     try:
         tables = {name for (name,) in _read(path, "SELECT name FROM sqlite_master")}
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode == sqlite3.SQLITE_READONLY_ROLLBACK:
-            return  # of a killed writer, whose change SQLite rolls back once it may write
+            return False  # a killed writer's: SQLite rolls its change back once it may write
         raise InputError(
             f"{path} cannot be read ({error}); expected an SQLite tracking store: {ADVICE}."
         ) from error
@@ -343,6 +347,7 @@ def _check_database(path: Path) -> None:
         raise InputError(
             f"{path} is an SQLite database of something else; expected MLflow's: {ADVICE}."
         )
+    return {*Base.metadata.tables} <= tables
 
 
 def _check_sound(path: Path) -> None:
