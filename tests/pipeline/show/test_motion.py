@@ -173,6 +173,8 @@ def test_all_that_is_drawn_is_in_the_box_whose_sides_are_never_too_unequal():
 def test_orbits_far_larger_than_the_paths_are_not_drawn_and_others_without_corners():
     """SIMBOL-X drifts over 1,900 km where it starts, and goes 30 km, on an orbit of e = 0.8."""
     scenario = read_scenario(EXAMPLES / "simbol-x.json")
+    coarse = replace(scenario.problem, nodes=201, time_step=scenario.problem.duration / 200)
+    scenario = replace(scenario, problem=coarse)
     plan = solve(scenario)
     data, _ = page_data(plan)
     drifts = [orbits(scenario.initial, scenario.problem)]
