@@ -1,10 +1,10 @@
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from joblib.externals.loky import process_executor
 
 from pipeline.parallel.workers import Workers
 
@@ -25,15 +25,15 @@ kept: list[bytes] = []
 
 
 def grow(task, content):
-    """Keep 160 MB in this process, more slowly than loky looks at its memory."""
+    """Keep 160 MB in this process, whose memory loky looks at after each task, not each second."""
+    process_executor._MEMORY_LEAK_CHECK_DELAY = 0.0
     kept.append(b"x" * 160_000_000)
-    time.sleep(1.1)
     return os.getpid()
 
 
 def test_workers_that_grow_are_replaced_without_a_word(recwarn):
-    done = dict(Workers(2).work(grow, range(6), lambda task: b""))
-    assert done.keys() == set(range(6))
+    done = dict(Workers(2).work(grow, range(7), lambda task: b""))
+    assert done.keys() == set(range(7))
     assert len(set(done.values())) > 2
     assert not recwarn.list
 
