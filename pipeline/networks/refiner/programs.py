@@ -115,17 +115,23 @@ def solve_all(
     it is.
     """
     C, m = len(craft_of), own.shape[1]
-    most = np.max(start[1:] - start[:-1])
+    most = 0
+    for c in range(C):
+        most = max(most, start[c + 1] - start[c])
     body, value, side = np.empty((6 + most, m - 6)), np.empty(6 + most), np.empty(6 + most)
     basic, other = np.empty(6 + most, np.int64), np.empty(m - 6, np.int64)
     cost, ratio, there = np.empty(m - 6), np.empty(m - 6), np.empty(most, np.bool_)
     for c in range(C):
         craft, mine, u = craft_of[c], order[start[c] : start[c + 1]], controls[c]
-        other[:], cost[:], u[:] = others[craft], costs[craft], own[craft]
-        basic[:6], side[:6], body[:6] = basis[craft], sides[craft], tableau[craft]
-        for i in range(6):
+        copy(own[craft], u)
+        copy(others[craft], other)
+        copy(costs[craft], cost)
+        copy(basis[craft], basic)
+        copy(sides[craft], side)
+        rows, there[:] = basis.shape[1], False
+        for i in range(rows):
             value[i] = u[basic[i]]
-        rows, there[:] = 6, False
+            copy(tableau[craft, i], body[i])
         while True:
             # The optimum without their rows satisfies most planes, which then need none.
             before = rows
@@ -147,6 +153,14 @@ def solve_all(
                 if basic[i] < m:
                     u[basic[i]] = value[i]
         read_duals(rows, mine, m, largest, body, side, basic, other, cost, dual, change)
+
+
+@no_type_check
+@njit(cache=True)
+def copy(values, into):
+    """Copy values to the begin of an array; numba takes seconds to compile a slice's assignment."""
+    for k in range(len(values)):
+        into[k] = values[k]
 
 
 @no_type_check
@@ -208,11 +222,11 @@ def slopes(variable, m, largest):
 @njit(cache=True)
 def pivot(rows, m, largest, body, value, side, basic, other, cost, ratio):
     """One step: the worst infeasible variable changes side or leaves; False if there is none."""
-    leaving, worst = -1, SMALL
+    leaving, worst = rows, SMALL
     for i in range(rows):
         if -value[i] * side[i] > worst:
             leaving, worst = i, -value[i] * side[i]
-    if leaving < 0:
+    if leaving == rows:
         return False
     sign, line = side[leaving], body[leaving]
     entering = entering_variable(sign, line, cost, other, m, largest, ratio)
