@@ -249,7 +249,7 @@ def cost(scenario: Scenario) -> float:
 
 
 def case_row(case: BenchmarkCase) -> dict[str, object]:
-    """A row with our Δv of a case beside theirs."""
+    """Table row of a benchmark case: our Δv beside the published one."""
     ours, theirs = 0.0, case.theirs()
     for file in case.files:
         scenario = read_scenario(ROOT / f"examples/{file}.json")

@@ -211,7 +211,7 @@ def available() -> int | None:
 
 
 def _listed(path: Path, name: str) -> int:
-    """The number that the kernel lists under a name; ValueError where the file has no such line."""
+    """Integer after a name in a file of the kernel, as in /proc; ValueError where it is missing."""
     for line in path.read_text().splitlines():
         if line.startswith(name):
             return int(line.split()[1])

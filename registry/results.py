@@ -110,7 +110,7 @@ def earlier_run(
 ) -> str | None:
     """The newest finished run of its kind, where it had these parameters and versions."""
     wanted = entities.recorded(params)
-    run = latest(experiment, {name: wanted[name] for name in wanted if name == KIND})
+    run = latest(experiment, {KIND: wanted[KIND]} if KIND in wanted else {})
     if run is None or deciding(run.params) != deciding(wanted):
         return None
     if change := changed_since(run.tags, made_by):

@@ -303,11 +303,9 @@ def database_path(uri: str) -> Path:
 def _guarded(path: Path, *, create: bool) -> Iterator[bool]:
     """Hold the lock beside a database that MLflow may open, create and migrate in the block.
 
-    The block is told whether all tables are there.
-
-    Migrations of a fresh file collide when several processes start them at once. Without ``create``
-    a file beside which no lock can be made is read without. InputError where the file is missing
-    and not to be made, or is no store of MLflow.
+    Yields whether all tables are there. Migrations of a fresh file collide when several processes
+    start them at once. Without ``create`` a file beside which no lock can be made is read without.
+    InputError where the file is missing and not to be made, or is no store of MLflow.
     """
     if not path.exists():
         if not create:

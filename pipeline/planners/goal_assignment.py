@@ -136,7 +136,7 @@ class _Subproblem:
     forbidden: tuple[tuple[int, int], ...]
 
     def costs(self, costs: Float[Array, "n n"]) -> Float[Array, "_ _"]:
-        """Costs of craft that are not kept, by goal; infinite where it is taken or forbidden."""
+        """Cost matrix of the free craft by goal; infinite for goals that are taken or forbidden."""
         left = costs[self.kept :].copy()
         left[:, list(self.slots[: self.kept])] = np.inf
         for craft, goal in self.forbidden:
@@ -144,7 +144,7 @@ class _Subproblem:
         return left
 
     def best(self, costs: Float[Array, "n n"]) -> Slots | None:
-        """The assignment of least cost, or None where every one is infinite."""
+        """Assignment of least total cost; None where every assignment has infinite cost."""
         from scipy.optimize import linear_sum_assignment  # slow to import, and few plans need it
 
         try:

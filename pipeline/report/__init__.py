@@ -58,7 +58,7 @@ def no_rows(table: str) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Tables as the experiments leave them, with the columns of TABLES; most may be empty."""
+    """Result tables of all experiments, with the columns of TABLES; most may be empty."""
 
     trials: pd.DataFrame
     warmstarts: pd.DataFrame = field(default_factory=partial(no_rows, "warmstarts"))

@@ -1,4 +1,4 @@
-"""Parts of a scenario file: reference orbits, rings, single craft, obstacles and the like."""
+"""Data models of the parts of a scenario file: orbits, rings, craft, obstacles, waypoints."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -92,7 +92,7 @@ class ReferenceDocument(Strict):
 
 
 class OrbitDocument(Strict):
-    """A reference orbit that is no circle or has perturbations, with the forces on all craft.
+    """Eccentric or perturbed reference orbit, with the perturbing forces on all craft.
 
     Osculating elements at the first node. Angles refer to the Earth's mean equator and equinox of
     J2000 (EME2000).

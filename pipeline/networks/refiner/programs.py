@@ -158,7 +158,7 @@ def solve_all(
 @no_type_check
 @njit(cache=True)
 def copy(values, into):
-    """Copy values to the begin of an array; numba takes seconds to compile a slice's assignment."""
+    """Copy values into the first elements of an array; slices take numba seconds to compile."""
     for k in range(len(values)):
         into[k] = values[k]
 
