@@ -105,7 +105,7 @@ class ConflictDetection:
             deviation = 2**0.5 * float(errors.deviation_bound(self.problem).max())
             most = within + self.back_off.sigmas * deviation
             cuts, bound = self._in_flight(flown, most, moved, spread)
-            bound = bound - self._chance_back_off(cuts, flown, self.back_off, errors)
+            bound = bound - self._chance_back_off(cuts, flown, errors, self.back_off.sigmas)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
         if (faces := self.swarms.faces) is not None:
@@ -132,29 +132,32 @@ class ConflictDetection:
         """
         if self.back_off is None:
             return 0.0 if cuts.beyond is None else cuts.beyond
+        found, flying = np.zeros(len(cuts)), np.ones(len(cuts), dtype=bool)
+        if cuts.other is not None:
+            flying, cuts = cuts.in_flight, replace(cuts, other=None)
+        cuts = cuts[flying]
+        # The dispersions of the craft of these cuts alone, numbered anew.
+        craft, place = np.unique(np.stack([cuts.first, cuts.second]), return_inverse=True)
+        cuts, flown = replace(cuts, first=place[0], second=place[1]), flown[craft]
         errors = self.back_off.dispersion(flown.controls, self.problem)
-        return self._chance_back_off(cuts, flown, self.back_off, errors)
+        found[flying] = self._chance_back_off(cuts, flown, errors, self.back_off.sigmas)
+        return found
 
     def _chance_back_off(
-        self, cuts: Cuts, flown: Trajectory, back_off: BackOff, errors: Dispersion
+        self, cuts: Cuts, flown: Trajectory, errors: Dispersion, most: float
     ) -> Values:
-        """Back-off of each cut by errors, m: standard deviations of its pair's separation."""
-        if cuts.other is not None:
-            found, flying = np.zeros(len(cuts)), cuts.in_flight
-            alone = replace(cuts[flying], other=None)
-            found[flying] = self._chance_back_off(alone, flown, back_off, errors)
-            return found
+        """Back-off of cuts of craft in flight, m: up to ``most`` standard deviations by errors."""
         problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
         normal = normals(cuts, flown.states, flown.controls)
         maps = cuts.state_map, cuts.control_map
         along = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
         deviation = standard_deviation(along, errors.of_pairs(i, j, k))
-        sigmas = np.full(len(cuts), back_off.sigmas)
+        sigmas = np.full(len(cuts), most)
         kept = problem.collision_radius + self.margin + ENDS
         for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
             at = np.flatnonzero(k == interval)
-            most = sigma_levels(node, i[at], j[at], flown.states, errors, kept)
-            sigmas[at] = np.clip(most, 0.0, sigmas[at])
+            there = sigma_levels(node, i[at], j[at], flown.states, errors, kept)
+            sigmas[at] = np.clip(there, 0.0, sigmas[at])
         return sigmas * deviation
 
     def _in_flight(

@@ -1,7 +1,6 @@
 """Linear covariance analysis of craft about their plan, in open or closed loop."""
 
 from dataclasses import dataclass, fields
-from functools import cached_property
 
 import numpy as np
 
@@ -91,20 +90,20 @@ class Dispersion:
     correction_covariance: Float[Array, "n intervals 3 3"]  # of what feedback adds to controls
     thruster_normals: int = 0  # variables of a craft's thrusters; a pair has those of both craft
 
-    @cached_property
-    def state_covariance(self) -> Float[Array, "n T 6 6"]:
-        """Covariance of each craft's state at each node."""
-        return self.state @ self.state.mT
-
-    @cached_property
-    def covariance(self) -> Float[Array, "n intervals 9 9"]:
-        """Covariance of the state at each interval's start and its control, of each craft."""
-        both = np.concatenate([self.state[:, :-1], self.control], axis=2)
+    def covariance(self, craft: Indices, interval: Indices) -> Float[Array, "k 9 9"]:
+        """Covariance of craft's states at the starts of intervals and of their controls there."""
+        state, control = self.state[craft, interval], self.control[craft, interval]
+        both = np.concatenate([state, control], axis=1)
         return both @ both.mT
 
     def of_pairs(self, first: Indices, second: Indices, interval: Indices) -> Float[Array, "k 9 9"]:
         """Covariance of the difference of two craft: state at an interval's start, and control."""
-        return self.covariance[first, interval] + self.covariance[second, interval]
+        intervals = self.control.shape[1]
+        each, place = np.unique(
+            np.stack([first, second]) * intervals + interval, return_inverse=True
+        )
+        covariance = self.covariance(*np.divmod(each, intervals))
+        return covariance[place[0]] + covariance[place[1]]
 
     def acceleration_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square error of the acceleration in each interval, m/s²."""

@@ -200,8 +200,9 @@ def _at_node(
     node: int, first: Indices, second: Indices, states: States, spread: Dispersion
 ) -> tuple[Vectors, Float[Array, "k 3 3"]]:
     """Mean and covariance of pairs' relative positions at a node, m and m²."""
-    covariance = spread.state_covariance[first, node] + spread.state_covariance[second, node]
-    return states[first, node, :3] - states[second, node, :3], covariance[:, :3, :3]
+    one, other = spread.state[first, node, :3], spread.state[second, node, :3]
+    covariance = one @ one.mT + other @ other.mT
+    return states[first, node, :3] - states[second, node, :3], covariance
 
 
 def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:

@@ -79,7 +79,7 @@ def expected_entries(states, _, problem, spread):
     """Over the whole time, at moments that are dense about the closest approach."""
     gap, errors, step = (
         states[1] - states[0],
-        spread.state_covariance.sum(axis=0),
+        (spread.state @ spread.state.mT).sum(axis=0),
         problem.time_step,
     )
 

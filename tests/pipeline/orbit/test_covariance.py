@@ -22,7 +22,8 @@ def test_position_errors_in_free_space_are_those_by_hand():
     """Pushes of 0.2 along x in the first 10 s and 0.1 along y in the last, m/s²."""
     controls = np.zeros((1, 3, 3))
     controls[0, 0, 0], controls[0, 2, 1] = 0.2, 0.1
-    found = dispersion(controls, FREE, Uncertainty(0.3, 0.02, 0.05, 0.01)).state_covariance
+    spread = dispersion(controls, FREE, Uncertainty(0.3, 0.02, 0.05, 0.01))
+    found = spread.state @ spread.state.mT
     known = 0.3**2 + (30 * 0.02) ** 2
     first, last = 0.2 * (50 + 10 * 20), 0.1 * 50  # what the pushes move, m
     expected = [
@@ -49,7 +50,8 @@ def test_a_burn_errs_in_size_along_it_and_in_direction_across_it():
 def test_covariances_of_a_transfer_are_those_of_many_trials():
     problem, rng = Problem(), np.random.default_rng(0)
     controls = 1e-3 * rng.normal(size=(2, 10, 3))
-    found = dispersion(controls, problem, Uncertainty(0.2, 3e-4, 0.02, 0.02)).state_covariance
+    spread = dispersion(controls, problem, Uncertainty(0.2, 3e-4, 0.02, 0.02))
+    found = spread.state @ spread.state.mT
     trials, errors = 20000, Errors(0.2, 3e-4, 0.02)
     starts, pushes = drawn(np.zeros((2, 6)), controls, errors, trials, rng)
     case = Case(problem.mean_motion, problem.time_step, problem.nodes, 15.0)
@@ -69,7 +71,7 @@ def test_no_deviation_within_an_interval_is_above_its_bound():
     craft, interval = (one.ravel() for one in np.indices(most.shape))
     for offset in np.linspace(0, 600, 41):
         A, B = problem.dynamics.step(np.full(len(craft), offset))
-        covariance = spread.covariance[craft, interval]
+        covariance = spread.covariance(craft, interval)
         axes = np.concatenate([A[:, :3], B[:, :3]], axis=2).swapaxes(0, 1)
         mean_square = sum(standard_deviation(axis, covariance) ** 2 for axis in axes)
         within = np.maximum(within, np.sqrt(mean_square).reshape(within.shape))
