@@ -18,15 +18,16 @@ from pipeline.expert.cuts import (
     passive_safety_cuts,
 )
 from pipeline.orbit.approaches import PROVABLE, TOLERANCE, close_approaches
-from pipeline.orbit.arrays import Controls, CraftMask, Rows, States, Values
+from pipeline.orbit.arrays import Controls, CraftMask, Indices, Rows, States, Values
 from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
-from pipeline.orbit.partition import SwarmPartition
+from pipeline.orbit.partition import SwarmPartition, least_of_each
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import sigma_levels
 from pipeline.plan.requirements import Requirements
 
+BLOCKS = 40  # of intervals in a transfer, in each of which a pair has at most one cut
 ENDS = 2 * PROVABLE  # slack of back-offs at the ends, which no control can change, m
 
 
@@ -93,8 +94,10 @@ class ConflictDetection:
 
         The trajectory meets both ends. The distance of interest is ``within`` and the back-off, m,
         and the lower bound that on the separation less the back-off. Only pairs with ``moved``
-        craft are examined. As closest approaches shift, cuts are also made a ``spread`` before and
-        after each, a share of the interval, but not where separation counts at nodes only.
+        craft are examined. On a grid of more than BLOCKS intervals a pair has one cut, where it
+        comes closest, in a block of them. As closest approaches shift, cuts are made with a
+        ``spread`` in all intervals, and that share of one before and after each as well, but not
+        where separation counts at nodes only.
         """
         if moved is None:
             moved = np.ones(len(flown.states), dtype=bool)
@@ -108,6 +111,9 @@ class ConflictDetection:
             bound = bound - self._chance_back_off(cuts, flown, errors, self.back_off.sigmas)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
+            if not spread:
+                closest = self._closest_in_blocks(bound, cuts.first, cuts.second, cuts.interval)
+                cuts, bound = cuts[closest], bound[closest]
         if (faces := self.swarms.faces) is not None:
             at = flown.states, flown.controls, self.problem, faces
             radius, inside = self.problem.collision_radius, margins(*at, moved)
@@ -122,6 +128,9 @@ class ConflictDetection:
             swarms=self.swarms,
             moved=moved,
         )
+        assert found.node is not None  # at which the first craft lost its thrust
+        where = found.first, found.second, found.interval, found.node
+        found = found[self._closest_in_blocks(found.bound, *where)]
         drifting = passive_safety_cuts(found, flown.states, self.problem, self.swarms)
         return cuts + drifting, np.concatenate([bound, found.bound])
 
@@ -173,14 +182,30 @@ class ConflictDetection:
             distance = swarms.separations(positions, positions, i, j)
             row, node = np.nonzero(distance <= within)
             cuts = cuts_at(i[row], j[row], node, np.zeros(len(row)), problem)
-            return cuts_of_craft(cuts, i[row], j[row], swarms), distance[row, node]
-        found = close_approaches(
-            states, flown.controls, problem, within, swarms=swarms, moved=moved
-        )
-        pairs = found.first, found.second, found.interval
-        cuts, bound = Cuts(*pairs, found.state_map, found.control_map), found.bound
+            bound, spread = distance[row, node], 0.0
+        else:
+            found = close_approaches(
+                states, flown.controls, problem, within, swarms=swarms, moved=moved
+            )
+            pairs = found.first, found.second, found.interval
+            cuts, bound = Cuts(*pairs, found.state_map, found.control_map), found.bound
+        if self.back_off is None and not spread:
+            closest = self._closest_in_blocks(bound, cuts.first, cuts.second, cuts.interval)
+            cuts, bound = cuts[closest], bound[closest]
         h = problem.time_step
         for way in (-spread, spread) if spread else ():
             cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
             bound = np.concatenate([bound, found.bound])
         return cuts_of_craft(cuts, cuts.first, cuts.second, swarms), bound
+
+    def _closest_in_blocks(self, bound: Values, *where: Indices) -> Int[Array, "_"] | slice:
+        """The encounter of least bound, m, of each pair in each block of intervals.
+
+        ``where``: indices of both craft, of the interval and, after a loss of thrust, of its node.
+        """
+        width = -(-self.problem.intervals // BLOCKS)
+        if width == 1 or len(bound) == 0:
+            return slice(None)
+        keys = *where[:2], *(one // width for one in where[2:])
+        label = np.ravel_multi_index(keys, [int(key.max()) + 1 for key in keys])
+        return np.sort(least_of_each(bound, label)[1])
