@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,8 +14,16 @@ from pipeline.expert.conic_decoupled import (
     polished,
     proven_infeasible,
 )
+from pipeline.expert.solvers import by_simplex
+from pipeline.expert.subproblem import Basis, Subproblem, UnsolvableError
 from pipeline.orbit.arrays import Controls, CraftMask, Formation, Rows
-from pipeline.orbit.decoupled import minimum_fuel
+from pipeline.orbit.decoupled import (
+    MinimumFuelTransfers,
+    acceleration_scale,
+    independent_columns,
+    minimum_fuel_by_table,
+    transfers_of_bases,
+)
 from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost, craft_fuel
@@ -58,9 +67,9 @@ def decoupled_optima(
 ) -> DecoupledOptima:
     """Minimum-fuel transfer of each craft between its two states, m and m/s.
 
-    By table where the optimum without a thrust limit keeps to the limit, since then it is optimal
-    with it too; the others by cone programs. With limits of each craft, all by cone programs, and
-    to ``constraints`` where they are given.
+    By ``minimum_fuel`` where the optimum without a thrust limit keeps to the limit, since then it
+    is optimal with it too; the others by cone programs. With limits of each craft, all by cone
+    programs, and to ``constraints`` where they are given.
     """
     if limits is not None:
         at = constraints or state_constraints(initial, goal, problem, {})
@@ -74,7 +83,8 @@ def decoupled_optima(
         controls, bound = found.controls, found.bound
         within = np.abs(controls).max(axis=(1, 2)) <= control_limit(problem)
         feasible = found.exact & within
-    tabled, hopeless = np.full(len(miss), found is not None), np.zeros(len(miss), dtype=bool)
+    by_table = found is not None and found.tabled
+    tabled, hopeless = np.full(len(miss), by_table), np.zeros(len(miss), dtype=bool)
     beyond = np.flatnonzero(~feasible).tolist()
     if beyond:
         at, alike = state_constraints(initial, goal, problem, {}), limits_of((), len(miss), problem)
@@ -89,6 +99,59 @@ def decoupled_optima(
     exact = meet_goal(initial, controls, goal, problem)
     basis = None if found is None else found.basis
     return DecoupledOptima(exact, bound, feasible, hopeless, tabled, basis)
+
+
+def minimum_fuel(miss: Formation, problem: Problem) -> MinimumFuelTransfers | None:
+    """Minimum-fuel controls for changes of state, m and m/s, without thrust limit.
+
+    By table or, where that would be too large, by a linear program for each craft. None where
+    controls do not reach every state.
+    """
+    found = minimum_fuel_by_table(miss, problem)
+    first = None if found is not None else _first_basis(problem)
+    if first is None:
+        return found
+    try:
+        bases = [_optimal_basis(one, problem, first) for one in miss]
+    except UnsolvableError:
+        return None
+    return transfers_of_bases(np.array(bases).reshape(-1, 6), miss, problem)
+
+
+@lru_cache(maxsize=32)
+def _first_basis(problem: Problem) -> Int[Array, "6"] | None:
+    """An optimal basis of one transfer, dual feasible for all others; None where there is none."""
+    columns = independent_columns(problem)
+    if columns is None:
+        return None
+    try:
+        return _optimal_basis(1 / acceleration_scale(problem), problem, columns)
+    except UnsolvableError:
+        return None
+
+
+def _optimal_basis(
+    miss: Float[Array, "6"], problem: Problem, first: Int[Array, "6"]
+) -> Int[Array, "6"]:
+    """Optimal basis of one craft's linear program from a first one; UnsolvableError if none."""
+    reach, none = transfer_maps(problem).reach[-1], np.zeros(0, dtype=int)
+    m = reach.shape[1]
+    program = Subproblem(
+        reach=reach,
+        miss=miss[None],
+        first=none,
+        second=none,
+        row=np.zeros((0, m)),
+        required=np.zeros(0),
+        limit=np.inf,
+        penalty=0.0,
+        unit=float(control_units(miss[None], problem)[0]),
+        last=Basis.of_decoupled(first[None], m, 0),
+    )
+    found = by_simplex(program).basis
+    if found is None:
+        raise UnsolvableError("the row of a goal is basic")
+    return np.flatnonzero(found.controls)
 
 
 def limited_optima(

@@ -25,6 +25,9 @@ from pipeline.orbit.transfer import transfer_maps
 NEGLIGIBLE = 1e-12  # share of R's largest entry that counts as 0; velocities times the duration
 FLAT = 1e10  # condition number from which a facet is degenerate; its neighbours cover its place
 ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a primal exceed its dual
+# Points of a hull of more than four dimensions, such as about an oblate Earth, where all motion is
+# coupled: facets grow with their cube. These many have 70,000, found in 0.7 s
+MOST_POINTS = 240
 SHORT = 1e-6  # share of a change of state that a transfer may miss it by, for rounding
 MISSED = np.repeat([1e-6, 1e-9], 3)  # error at the goal that is allowed in any case, m and m/s
 
@@ -48,9 +51,12 @@ class MinimumFuelTransfers:
     bound: Float[Array, "N"]  # proven lower bound on the fuel of each craft, by the dual y, m/s²
     basis: Int[Array, "N 6"]  # controls of the basis, flattened by time; + 3(T-1) if negative
     exact: Bool[Array, "N"]  # whether the controls attain the bound within rounding
+    tabled: bool  # whether they are from the table
 
 
-def minimum_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers | None:
+def minimum_fuel_by_table(
+    miss: Float[Array, "N 6"], problem: Problem
+) -> MinimumFuelTransfers | None:
     """Minimum-fuel controls for changes of state, m and m/s, without thrust limit, or None.
 
     None where ``facets_of`` is None.
@@ -77,14 +83,54 @@ def minimum_fuel(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTran
         flat[craft, column] = weight * sign
         basis[:, facets.component] = column + (sign < 0) * flat.shape[1]
         bound += value[craft[:, 0], chosen]
+    return _transfers(flat, bound, basis, tabled=True)
+
+
+def transfers_of_bases(
+    basis: Int[Array, "N 6"], miss: Float[Array, "N 6"], problem: Problem
+) -> MinimumFuelTransfers:
+    """The transfers of optimal bases, given as in ``MinimumFuelTransfers``."""
+    scale, reach = acceleration_scale(problem), transfer_maps(problem).reach[-1]
+    columns, m = reach * scale[:, None], reach.shape[1]
+    sign = np.where(basis < m, 1.0, -1.0)
+    basic = (columns.T[basis % m] * sign[..., None]).mT
+    weight = np.linalg.solve(basic, (miss * scale)[..., None])[..., 0]
+    dual = np.linalg.solve(basic.mT, np.ones((6, 1)))[..., 0]
+    dual /= np.maximum(np.abs(dual @ columns).max(axis=1, keepdims=True), 1.0)
+    flat = np.zeros((len(miss), m))
+    np.put_along_axis(flat, basis % m, weight * sign, axis=1)
+    return _transfers(flat, np.vecdot(dual, miss * scale), basis, tabled=False)
+
+
+def _transfers(
+    flat: Float[Array, "N m"], bound: Float[Array, "N"], basis: Int[Array, "N 6"], *, tabled: bool
+) -> MinimumFuelTransfers:
     bound = np.maximum(bound, 0.0)
     exact = np.abs(flat).sum(axis=1) <= bound * (1 + ROUNDING) + 1e-15
-    return MinimumFuelTransfers(flat.reshape(len(miss), -1, 3), bound, basis, exact)
+    return MinimumFuelTransfers(flat.reshape(len(flat), -1, 3), bound, basis, exact, tabled)
+
+
+def independent_columns(problem: Problem) -> Int[Array, "6"] | None:
+    """Six controls whose effects on the final state are independent, or None where there are none.
+
+    Each is the one with most effect beside those before.
+    """
+    left = transfer_maps(problem).reach[-1] * acceleration_scale(problem)[:, None]
+    found, least = [], NEGLIGIBLE * np.abs(left).max()
+    for _ in range(6):
+        size = np.linalg.norm(left, axis=0)
+        best = int(size.argmax())
+        if size[best] <= least:
+            return None
+        along = left[:, best] / size[best]
+        left = left - along[:, None] * (along @ left)
+        found.append(best)
+    return np.array(found)
 
 
 @lru_cache(maxsize=32)
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
-    """The hulls of a problem, computed once; None where some state is not reachable."""
+    """The hulls of a problem, computed once; None if a state is not reachable or one too large."""
     scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()
@@ -93,6 +139,8 @@ def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
     used = [np.flatnonzero(acts[part].any(axis=0)) for part in parts]
     columns = [reach[np.ix_(*both)].T for both in zip(parts, used, strict=True)]
     points = [np.concatenate([one, -one]) for one in columns]
+    if any(one.shape[1] > 4 and len(one) > MOST_POINTS for one in points):
+        return None
     try:
         found = zip(parts, used, points, corners(points), strict=True)
         return tuple(_facets(*one, scale[one[0]]) for one in found)

@@ -17,8 +17,8 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.batch import Batch
+from pipeline.expert.decoupled import minimum_fuel
 from pipeline.orbit.arrays import Controls, CraftMask, States, Values, norm
-from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit

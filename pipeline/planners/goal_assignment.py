@@ -16,9 +16,15 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
 from pipeline.expert.batch import Batch
-from pipeline.expert.decoupled import PROGRAM, TABLE, control_limit, decoupled_optima, goal_miss
+from pipeline.expert.decoupled import (
+    PROGRAM,
+    TABLE,
+    control_limit,
+    decoupled_optima,
+    goal_miss,
+    minimum_fuel,
+)
 from pipeline.orbit.arrays import PerCraft
-from pipeline.orbit.decoupled import minimum_fuel
 from pipeline.orbit.passive_safety import allowed_goals
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan
@@ -56,30 +62,30 @@ class DecoupledCosts:
 def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     """The costs of all craft and goals of a scenario.
 
-    A table gives all at once. Where its optimum breaks the thrust limit, its fuel is still a lower
-    bound, and a linear program finds the exact cost, or that there is none: for the given order,
-    and for the best assignment by the costs so far, until all costs of the best one are exact. So
-    only few of the n² programs are solved.
+    ``minimum_fuel`` gives all at once. Where its optimum breaks the thrust limit, its fuel is still
+    a lower bound, and a linear program finds the exact cost, or that there is none: for the given
+    order, and for the best assignment by the costs so far, until all costs of the best one are
+    exact. So only few of the n² programs are solved.
     """
     n, problem = scenario.n, scenario.problem
     initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
     if scenario.limits is not None:
         return DecoupledCosts(_limited_costs(scenario), PROGRAM)
     found = minimum_fuel(goal_miss(initial, goal, problem), problem)
-    if found is None:  # no table
+    if found is None:
         optima = decoupled_optima(initial, goal, problem)
         bounds = np.where(optima.impossible, np.inf, optima.lower_bound)
         return DecoupledCosts(bounds.reshape(n, n), PROGRAM)
     within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
     fuel, exact = found.bound.reshape(n, n), (found.exact & within).reshape(n, n)
-    proof, asked = TABLE, tuple(range(n))
+    proof, asked = TABLE if found.tabled else PROGRAM, tuple(range(n))
     while asked:
         craft = np.flatnonzero(~exact[range(n), asked])
         if len(craft):
             goals = np.array(asked)[craft]
             optima = decoupled_optima(scenario.initial[craft], scenario.goal[goals], problem)
             fuel[craft, goals] = np.where(optima.impossible, np.inf, optima.lower_bound)
-            exact[craft, goals], proof = True, BOTH
+            exact[craft, goals], proof = True, BOTH if found.tabled else PROGRAM
         best = next(ranked(fuel), ())
         asked = () if exact[range(len(best)), best].all() else best
     return DecoupledCosts(fuel, proof)

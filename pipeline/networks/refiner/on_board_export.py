@@ -21,6 +21,7 @@ from pipeline.networks.refiner import on_board
 from pipeline.networks.refiner.model import problem_data, run_round, start
 from pipeline.networks.refiner.refiner import MessagePassing
 from pipeline.orbit.arrays import Formation
+from pipeline.orbit.decoupled import facets_of
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder
@@ -210,12 +211,18 @@ def export_craft(
     """Write the steps that one craft of a refiner runs, as ``begin.onnx`` and so on.
 
     Files of these names are replaced; each has the JSON values ``about`` in its metadata.
-    InputError where onnx or onnxruntime is not installed, or the folder is a file. ProlearnError
-    where a step cannot be exported, or a swarm whose craft run them gets other controls.
+    InputError where onnx or onnxruntime is not installed, the folder is a file, or the time grid is
+    too fine for a table of optimal bases. ProlearnError where a step cannot be exported, or a swarm
+    whose craft run them gets other controls.
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
     network = model.network
+    if facets_of(model.problem) is None:
+        raise InputError(
+            f"the refiner was trained on {model.problem.intervals} intervals about an orbit where "
+            "all motion is coupled; expected so few, about 40, that a file holds all optimal bases."
+        )
     assert isinstance(network, MessagePassing), "a refiner's"
     with scratch_folder() as temporary:
         for name, step in on_board.STEPS.items():

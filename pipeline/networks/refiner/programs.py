@@ -1,7 +1,7 @@
 """Each craft's own program: minimum fuel to its goal, on its side of some separating planes.
 
 The program of ``model`` is solved by a dual simplex method on the tableau, from the decoupled
-optimum (no planes), whose basis comes from a table. A program has 6 + p basic and m - 6 nonbasic
+optimum (no planes), whose basis is known. A program has 6 + p basic and m - 6 nonbasic
 variables, m controls and p planes, all of whose costs have a kink at 0:
 
     x_B = value - body · x_N,    x_N = 0.
@@ -18,10 +18,11 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int, like, plain
 from pipeline.errors import InputError
+from pipeline.expert.decoupled import minimum_fuel
 from pipeline.networks.refiner.arrays import constant, njit, rows
 from pipeline.networks.refiner.geometry import Grid, Sides, per_step
 from pipeline.orbit.arrays import Rows
-from pipeline.orbit.decoupled import minimum_fuel
+from pipeline.orbit.decoupled import MinimumFuelTransfers
 from pipeline.orbit.problem import Problem
 
 LARGEST_DUAL = 50.0  # Λ: dual up to which a plane is kept, r_col/Δt² per r_col; few exceed 2
@@ -76,14 +77,20 @@ class Decoupled(Rows):
         return first_ratios(self.tableau, self.basis, self.others, self.cost, craft, gain)
 
 
+def reaching(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfers:
+    """Minimum-fuel transfers for changes of state; InputError where not every one is reached."""
+    found = minimum_fuel(miss, problem)
+    if found is None:
+        raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
+    return found
+
+
 def decoupled_optima(
     initial: Float[Array, "N 6"], goal: Float[Array, "N 6"], grid: Grid, problem: Problem
 ) -> Decoupled:
-    """The decoupled optima, by table; InputError where controls do not reach every state."""
+    """The decoupled optima; InputError where controls do not reach every state."""
     miss = goal - initial @ grid.drift[-6:].T  # (N, 6)
-    found = minimum_fuel(miss / per_step(problem), problem)
-    if found is None:
-        raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
+    found = reaching(miss / per_step(problem), problem)
     N, m = len(initial), grid.reach.shape[1]
     side, basis = np.where(found.basis < m, 1.0, -1.0), found.basis % m
     nonbasic = np.ones((N, m), dtype=bool)

@@ -6,11 +6,12 @@ sums over the planes of a craft, the table of ``orbit.decoupled``, and the pivot
 None of it has gradients. For few craft that is slower than the compiled code by far.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,6 +23,7 @@ from pipeline.networks.refiner.arrays import where
 from pipeline.networks.refiner.geometry import Grid, Sides, accelerations, positions, velocities
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import transfer_maps
 
 PAIRS_AT_ONCE = 2_000_000  # pairs times intervals that are computed at once
 PIVOTS_AT_ONCE = 4  # pivots of all programs, before those that are solved are left out
@@ -235,13 +237,30 @@ def decoupled_optima(
     initial: Float[Tensor, "C 6"], goal: Float[Tensor, "C 6"], grid: Grid, problem: Problem
 ) -> TensorDecoupled:
     """As ``programs.decoupled_optima``."""
-    table, device = facets_of(problem), initial.device
-    if table is None:
-        raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
+    device = initial.device
     units = torch.tensor([1.0, 1 / problem.time_step], dtype=initial.dtype, device=device)
     units = units.repeat_interleave(3)
     miss = (goal - initial @ grid.drift[-6:].T) * units
     (C, _), m = miss.shape, grid.reach.shape[1]
+    table = facets_of(problem)
+    inverse, side, basic = (
+        _bases_by_programs(miss, problem) if table is None else _bases_by_table(miss, table)
+    )
+    inverse = inverse * problem.time_step**2
+    is_basic = torch.zeros(C, m, dtype=torch.long, device=device).scatter(1, basic, 1)
+    every = torch.arange(m, device=device)
+    other = (every + m * is_basic).sort(dim=1).values.index_select(1, every[: m - 6])
+    tableau = (inverse * units) @ grid.reach[-6:].T[other].mT
+    value = (inverse @ miss[..., None])[..., 0]
+    controls = miss.new_zeros(C, m).scatter(1, basic, value)
+    return TensorDecoupled(controls, basic, other, side, tableau, (side[:, None] @ tableau)[:, 0])
+
+
+def _bases_by_table(
+    miss: Float[Tensor, "C 6"], table: Sequence[Facets]
+) -> tuple[Float[Tensor, "C 6 6"], Float[Tensor, "C 6"], Int[Tensor, "C 6"]]:
+    """Inverse of each craft's optimal basis, the sign of each basic control, and its index."""
+    (C, _), device = miss.shape, miss.device
     inverse, side = miss.new_zeros(C, 6, 6), torch.zeros_like(miss)
     basic = torch.zeros_like(miss, dtype=torch.long)
     for facets in table:
@@ -252,14 +271,19 @@ def decoupled_optima(
         inverse = inverse.index_copy(1, component, its_side[..., None] * part)
         basic = basic.index_copy(1, component, tensor(facets.column, device)[facet])
         side = side.index_copy(1, component, its_side)
-    inverse = inverse * problem.time_step**2
-    is_basic = torch.zeros(C, m, dtype=torch.long, device=device).scatter(1, basic, 1)
-    every = torch.arange(m, device=device)
-    other = (every + m * is_basic).sort(dim=1).values.index_select(1, every[: m - 6])
-    tableau = (inverse * units) @ grid.reach[-6:].T[other].mT
-    value = (inverse @ miss[..., None])[..., 0]
-    controls = miss.new_zeros(C, m).scatter(1, basic, value)
-    return TensorDecoupled(controls, basic, other, side, tableau, (side[:, None] @ tableau)[:, 0])
+    return inverse, side, basic
+
+
+def _bases_by_programs(
+    miss: Float[Tensor, "C 6"], problem: Problem
+) -> tuple[Float[Tensor, "C 6 6"], Float[Tensor, "C 6"], Int[Tensor, "C 6"]]:
+    """As ``_bases_by_table``, where the table would be too large."""
+    reach, basis = transfer_maps(problem).reach[-1], programs.reaching(plain(miss), problem).basis
+    m = reach.shape[1]
+    inverse = np.linalg.inv(reach.T[basis % m].mT)
+    side = np.where(basis < m, 1.0, -1.0)
+    inverse, side, basic = (tensor(one, miss.device) for one in (inverse, side, basis % m))
+    return inverse, side, basic
 
 
 def _facet_met(

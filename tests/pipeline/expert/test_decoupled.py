@@ -1,13 +1,18 @@
 """Decoupled optima against HiGHS, and the bound that their dual variables prove."""
 
+from math import pi
+
 import numpy as np
 import pytest
 from judge import exact_step
 from scipy.optimize import linprog
 
 from pipeline.expert import decoupled_optima, solve
+from pipeline.expert.decoupled import minimum_fuel
+from pipeline.orbit.decoupled import facets_of, minimum_fuel_by_table
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.transfer import fly
+from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.scenario import draw
 
 
@@ -87,3 +92,60 @@ def test_a_plan_says_how_its_bound_is_proven(limit, proof):
         assert certificate.fuel_lower_bound == pytest.approx(least, rel=1e-6)
     else:
         assert certificate.fuel_lower_bound > least * (1 + 1e-4)
+
+
+OBLATE = ReferenceOrbit(7.2e6, 0.02, inclination_deg=51.6, argument_of_perigee_deg=40.0)
+
+
+def changes(problem, count=12):
+    """Changes of state that transfers of some 100 m bring about; the last is none at all."""
+    size = np.repeat([100.0, 100.0 / problem.duration], 3)
+    miss = np.random.default_rng(4).normal(size=(count, 6)) * size
+    miss[-2, 2:], miss[-1] = 0.0, 0.0
+    return miss
+
+
+def by_scaled_program(miss, problem):
+    """Least ‖u‖₁ of one change of state by HiGHS' interior points."""
+    reach = transfer_maps(problem).reach[-1]
+    scale = 1 / np.linalg.norm(reach, axis=1)
+    block = reach * scale[:, None]
+    unit = np.abs(np.linalg.pinv(block) @ (miss * scale)).max()
+    equal = np.hstack([block, -block])
+    goal = miss * scale / unit
+    found = linprog(np.ones(equal.shape[1]), A_eq=equal, b_eq=goal, method="highs-ipm")
+    return found.fun * unit
+
+
+def test_on_a_fine_grid_about_an_orbit_programs_take_the_place_of_a_table():
+    """All motion is coupled there, and the hull of a hundred intervals has a million facets."""
+    problem = Problem(time_step=12.0, nodes=101).about(OBLATE)
+    assert facets_of(problem) is None
+    miss = changes(problem)
+    found = minimum_fuel(miss, problem)
+    assert found.exact.all()
+    exact = [by_scaled_program(one, problem) for one in miss[:-1]]
+    assert found.bound[:-1] == pytest.approx(exact, rel=1e-6)
+    assert found.bound[-1] == 0 and (found.controls[-1] == 0).all()
+    final = fly(np.zeros(miss.shape), found.controls, problem)[:, -1]
+    assert final == pytest.approx(miss, abs=1e-9 * np.abs(miss).max())
+
+
+def test_programs_and_table_find_the_same_bases(monkeypatch):
+    problem = Problem().about(OBLATE)
+    miss = changes(problem)[:-2]  # of the others several bases are optimal
+    table = minimum_fuel_by_table(miss, problem)
+    monkeypatch.setattr("pipeline.expert.decoupled.minimum_fuel_by_table", lambda *_: None)
+    found = minimum_fuel(miss, problem)
+    assert (np.sort(found.basis) == np.sort(table.basis)).all()
+    assert found.controls == pytest.approx(table.controls, abs=1e-12)
+    assert found.bound == pytest.approx(table.bound, rel=1e-9)
+    for k in range(len(miss)):
+        alone = minimum_fuel(miss[k : k + 1], problem)
+        assert (alone.controls[0] == found.controls[k]).all()  # to the bit, whatever is beside it
+
+
+def test_where_a_state_is_out_of_reach_there_are_no_programs_either():
+    period = 2 * pi / Problem().mean_motion
+    assert minimum_fuel(np.ones((1, 6)), Problem(time_step=period / 2, nodes=3)) is None
+    assert minimum_fuel(np.ones((1, 6)), Problem(nodes=3).about(OBLATE)) is not None

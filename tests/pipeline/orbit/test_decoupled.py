@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from pipeline.orbit.decoupled import facets_of, minimum_fuel
+from pipeline.orbit.decoupled import facets_of, minimum_fuel_by_table
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, transfer_maps
 
@@ -45,7 +45,7 @@ def by_program(miss, problem):
 @pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
 def test_fuel_is_that_of_the_linear_program_and_the_goal_is_met(problem):
     miss = changes(problem, 0)
-    found = minimum_fuel(miss, problem)
+    found = minimum_fuel_by_table(miss, problem)
     exact = np.array([by_program(one, problem) for one in miss])
     fuel = np.abs(found.controls).sum(axis=(1, 2))
     assert found.exact.all()
@@ -65,12 +65,14 @@ def test_the_dual_proves_the_bound(problem):
         dual[:, facets.component] = facets.dual[value.argmax(axis=1)]
     price = dual @ transfer_maps(problem).reach[-1]
     assert np.abs(price).max() <= 1 + 1e-12
-    assert (dual * miss).sum(axis=1) == pytest.approx(minimum_fuel(miss, problem).bound, rel=1e-12)
+    assert (dual * miss).sum(axis=1) == pytest.approx(
+        minimum_fuel_by_table(miss, problem).bound, rel=1e-12
+    )
 
 
 def test_the_basis_is_what_is_used_in_its_direction():
     problem = Problem()
-    found = minimum_fuel(changes(problem, 2), problem)
+    found = minimum_fuel_by_table(changes(problem, 2), problem)
     for controls, basis in zip(found.controls.reshape(40, -1), found.basis, strict=True):
         used = np.flatnonzero(controls)
         named = dict(zip(basis % 30, np.where(basis < 30, 1, -1), strict=True))
@@ -93,13 +95,13 @@ def test_what_lies_between_facets_is_met_too(seed, columns, problem):
     corner = hull.column[facet][[c % hull.column.shape[1] for c in columns]]
     burn = np.zeros(reach.shape[1])
     burn[corner] = 1e-3 * hull.sign[facet][[c % hull.column.shape[1] for c in columns]]
-    found = minimum_fuel((reach @ burn)[None], problem)
+    found = minimum_fuel_by_table((reach @ burn)[None], problem)
     assert found.exact.all()
     assert found.bound[0] == pytest.approx(np.abs(burn).sum(), rel=1e-7)
 
 
 def test_nothing_to_change_needs_no_fuel():
-    found = minimum_fuel(np.zeros((2, 6)), Problem())
+    found = minimum_fuel_by_table(np.zeros((2, 6)), Problem())
     assert (found.controls == 0).all() and (found.bound == 0).all() and found.exact.all()
 
 
@@ -107,7 +109,7 @@ def test_where_a_state_is_out_of_reach_there_is_no_table():
     """Half an orbit apart, both cross-track thrusts move a craft along the same line."""
     stuck = Problem(time_step=PERIOD / 2, nodes=3)
     assert facets_of(stuck) is None
-    assert minimum_fuel(np.ones((1, 6)), stuck) is None
+    assert minimum_fuel_by_table(np.ones((1, 6)), stuck) is None
 
 
 def test_a_table_is_made_once():

@@ -47,6 +47,7 @@ def off(found, wanted):
         ("rings", 5, replace(PROBLEM, nodes=3)),  # no choice
         ("rings", 8, replace(PROBLEM, nodes=4)),
         ("rings", 8, PROBLEM.about(ECCENTRIC)),
+        ("rings", 6, replace(PROBLEM, time_step=28.0, nodes=43).about(ECCENTRIC)),  # no table
     ],
 )
 def test_swarms_are_planned_as_by_the_compiled_code(family, n, problem):
