@@ -120,6 +120,12 @@ class Dispersion:
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
 
 
+def dispersion_size(n: int, intervals: int, *, closed_loop: bool = False) -> int:
+    """Memory that the dispersion of n craft takes, bytes."""
+    normals = (9 if closed_loop else 3) * intervals + 10
+    return 8 * n * (9 * intervals + 6) * normals
+
+
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:

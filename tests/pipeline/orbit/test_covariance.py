@@ -9,6 +9,7 @@ from pipeline.orbit.covariance import (
     Uncertainty,
     burn_deviation,
     dispersion,
+    dispersion_size,
     standard_deviation,
 )
 from pipeline.orbit.problem import Problem
@@ -88,3 +89,11 @@ def test_errors_do_not_depend_on_where_a_craft_is():
     along = np.full(3, 3**-0.5)  # by one standard deviation in size
     pushed = spread.state[0, 10, :, 6:].reshape(6, 10, 3) @ along
     assert pushed.sum(axis=1) == pytest.approx(0.1 * one[0, 10], rel=1e-9)
+
+
+@pytest.mark.parametrize("closed_loop", [False, True])
+def test_its_size_is_known_before(closed_loop):
+    problem, errors = Problem(nodes=8), Uncertainty(0.1, 1e-3, 0.01, magnitude_bias=0.01)
+    found = dispersion(np.full((3, 7, 3), 1e-3), problem, errors, closed_loop=closed_loop)
+    size = found.state.nbytes + found.control.nbytes
+    assert dispersion_size(3, 7, closed_loop=closed_loop) == size
