@@ -189,7 +189,7 @@ class ConflictDetection:
             )
             pairs = found.first, found.second, found.interval
             cuts, bound = Cuts(*pairs, found.state_map, found.control_map), found.bound
-        if self.back_off is None and not spread:
+        if problem.intervals > BLOCKS and self.back_off is None and not spread:
             closest = self._closest_in_blocks(bound, cuts.first, cuts.second, cuts.interval)
             cuts, bound = cuts[closest], bound[closest]
         h = problem.time_step
