@@ -81,7 +81,10 @@ def reaching(miss: Float[Array, "N 6"], problem: Problem) -> MinimumFuelTransfer
     """Minimum-fuel transfers for changes of state; InputError where not every one is reached."""
     found = minimum_fuel(miss, problem)
     if found is None:
-        raise InputError(f"no controls reach every state of {problem}; expected another time grid.")
+        raise InputError(
+            f"on {problem.nodes} nodes {problem.time_step:g} s apart no controls reach every "
+            "state; expected another time grid."
+        )
     return found
 
 
