@@ -1,6 +1,7 @@
 """Linear covariance analysis of craft about their plan, in open or closed loop."""
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from pipeline.orbit.arrays import Controls, Indices, Values, norm
 from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
 from pipeline.orbit.problem import Problem
 
+AT_ONCE = 4_000_000  # products of responses that are computed at once, which bounds memory
+NO_ERROR = 1e-100  # standard deviation in place of 0, SI
+ROUNDING = 1e-9  # added to correlations, so that with rounding they are positive definite
 NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding error and no burn
 
 # Largest errors that are accepted, SI: no swarm would be flown with larger ones
@@ -79,51 +83,40 @@ class Uncertainty:
 
 @dataclass(frozen=True, eq=False)
 class Dispersion:
-    """Errors of each craft's motion about its plan, linear in J standard normal variables.
+    """Covariances of each craft's motion about its plan.
 
-    The variables are those of the errors of navigation, three for each burn and four for a craft's
-    thrusters. Errors of craft are independent: covariances of a difference are sums.
+    Errors are linear in standard normal variables: those of the errors of navigation, three for
+    each burn and four for a craft's thrusters. Errors of craft are independent: covariances of a
+    difference are sums.
     """
 
-    state: Float[Array, "n T 6 J"]  # effect on each node's state, m and m/s
-    control: Float[Array, "n intervals 3 J"]  # effect on each interval's control, m/s²
+    # of the state at each node, m and m/s, and of the control in the interval that begins there,
+    # m/s², which has none at the last node
+    covariance: Float[Array, "n T 9 9"]
     correction_covariance: Float[Array, "n intervals 3 3"]  # of what feedback adds to controls
-    thruster_normals: int = 0  # variables of a craft's thrusters; a pair has those of both craft
+    pair_normals: int  # variables in which the errors of a pair's difference are linear
 
-    def covariance(self, craft: Indices, interval: Indices) -> Float[Array, "k 9 9"]:
-        """Covariance of craft's states at the starts of intervals and of their controls there."""
-        state, control = self.state[craft, interval], self.control[craft, interval]
-        both = np.concatenate([state, control], axis=1)
-        return both @ both.mT
-
-    def of_pairs(self, first: Indices, second: Indices, interval: Indices) -> Float[Array, "k 9 9"]:
-        """Covariance of the difference of two craft: state at an interval's start, and control."""
-        intervals = self.control.shape[1]
-        each, place = np.unique(
-            np.stack([first, second]) * intervals + interval, return_inverse=True
-        )
-        covariance = self.covariance(*np.divmod(each, intervals))
-        return covariance[place[0]] + covariance[place[1]]
+    def of_pairs(self, first: Indices, second: Indices, node: Indices) -> Float[Array, "k 9 9"]:
+        """Covariance of the difference of two craft: state at a node, and control from there."""
+        return self.covariance[first, node] + self.covariance[second, node]
 
     def acceleration_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square error of the acceleration in each interval, m/s²."""
-        # The Frobenius norm, whose square is the mean square, obeys the triangle inequality.
-        intervals = np.arange(problem.intervals)[:, None]
-        columns = self.state[:, :-1].mT, self.control.mT
-        return norm(problem.dynamics.acceleration_bound(*columns, problem.time_step, intervals))
+        # Errors are a root of the covariance times independent variables; the Frobenius norm, whose
+        # square is the mean square, obeys the triangle inequality.
+        covariance, intervals = self.covariance[:, :-1], np.arange(problem.intervals)[:, None]
+        sigma = np.sqrt(np.diagonal(covariance, axis1=2, axis2=3))[..., None] + NO_ERROR
+        correlation = covariance / (sigma * sigma.mT) + ROUNDING * np.eye(9)
+        columns = (sigma * np.linalg.cholesky(correlation)).mT
+        parts = columns[..., :6], columns[..., 6:]
+        return norm(problem.dynamics.acceleration_bound(*parts, problem.time_step, intervals))
 
     def deviation_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square distance from the plan in each interval, m."""
-        # Between its ends a column of the map to positions is within h²/8 max|p̈| of its chord.
-        at_nodes = np.sqrt(np.square(self.state[:, :, :3]).sum(axis=(2, 3)))
+        # Between its ends an error of the position is within h²/8 max|p̈| of its chord.
+        at_nodes = np.sqrt(np.trace(self.covariance[..., :3, :3], axis1=2, axis2=3))
         bend = self.acceleration_bound(problem) * problem.time_step**2 / 8
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
-
-
-def dispersion_size(n: int, intervals: int, *, closed_loop: bool = False) -> int:
-    """Memory that the dispersion of n craft takes, bytes."""
-    normals = (9 if closed_loop else 3) * intervals + 10
-    return 8 * n * (9 * intervals + 6) * normals
 
 
 def dispersion(
@@ -133,18 +126,59 @@ def dispersion(
 
     They do not depend on initial states. In open loop, or with ``pipeline.orbit.feedback``.
     """
-    noise, bias = navigation_roots(uncertainty, problem)
+    navigation, normals = _navigation(problem, uncertainty, closed_loop)
+    to = _responses(problem, uncertainty, closed_loop)
     burn = burn_deviation(controls, problem, uncertainty)
     thruster = thruster_deviation(controls, uncertainty)
-    if not closed_loop:
-        return _driven(open_loop_responses(problem), _joint(noise, bias), burn, thruster)
-    from scipy.linalg import block_diag  # slow to import, and only closed loops need it
+    correction = np.zeros((*controls.shape, 3))
+    if closed_loop:
+        corrected = navigation[:-1, 6:, 6:], to.control_to_burns
+        first = _covariance(*corrected, burn, thruster)
+        burn = burn_deviation(controls, problem, uncertainty, first)
+        correction = _covariance(*corrected, burn, thruster)
+    covariance = _covariance(navigation, _joint_to_burns(to), burn, thruster)
+    normals += 3 * problem.intervals + (8 if thruster.any() else 0)  # four of each craft
+    return Dispersion(covariance, correction, normals)
 
-    known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
-    to = closed_loop_responses(problem, bool(uncertainty.latency))
-    first = _effects(to.control_to_navigation, to.control_to_burns, known, burn, thruster)
-    burn = burn_deviation(controls, problem, uncertainty, first @ first.mT)
-    return _driven(to, known, burn, thruster)
+
+def _responses(problem: Problem, uncertainty: Uncertainty, closed_loop: bool) -> Responses:
+    if closed_loop:
+        return closed_loop_responses(problem, bool(uncertainty.latency))
+    return open_loop_responses(problem)
+
+
+@lru_cache(maxsize=32)
+def _navigation(
+    problem: Problem, uncertainty: Uncertainty, closed_loop: bool
+) -> tuple[Float[Array, "T 9 9"], int]:
+    """Covariance of states and controls by errors of navigation, and the number of these."""
+    noise, bias = navigation_roots(uncertainty, problem)
+    to = _responses(problem, uncertainty, closed_loop)
+    if closed_loop:
+        from scipy.linalg import block_diag  # slow to import, and only closed loops need it
+
+        known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
+    else:
+        known = _joint(noise, bias)
+    root = _with_controls(to.state_to_navigation, to.control_to_navigation) @ known
+    return root @ root.mT, len(known)
+
+
+def _with_controls(
+    states: Float[Array, "T 6 J"], controls: Float[Array, "intervals 3 J"]
+) -> Float[Array, "T 9 J"]:
+    """Responses of each node's state and of the control from there, none at the last node."""
+    joint = np.zeros((len(states), 9, states.shape[2]))
+    joint[:, :6], joint[:-1, 6:] = states, controls
+    return joint
+
+
+def _joint_to_burns(to: Responses) -> Float[Array, "T 9 m"]:
+    """Responses of states and controls to burns; a control has the error of its own burn too."""
+    controls = to.control_to_burns.copy()
+    own = np.arange(3 * len(controls)).reshape(-1, 3)
+    controls[np.arange(len(controls))[:, None], np.arange(3), own] += 1.0
+    return _with_controls(to.state_to_burns, controls)
 
 
 def navigation_roots(
@@ -186,39 +220,27 @@ def thruster_deviation(
     return found
 
 
-def _driven(
-    to: Responses,
-    known: Float[Array, "J_s J_s"],
+def _covariance(
+    navigation: Float[Array, "K s s"],
+    to_burns: Float[Array, "K s _"],
     burn: Float[Array, "n intervals 3 3"],
     thruster: Float[Array, "n intervals 3 4"],
-) -> Dispersion:
-    """The dispersion from linear responses to errors and square roots of their covariances."""
-    errors, count = (known, burn, thruster), len(known)
-    state = _effects(to.state_to_navigation, to.state_to_burns, *errors)
-    control = _effects(to.control_to_navigation, to.control_to_burns, *errors)
-    correction = control @ control.mT
-    for k in range(burn.shape[1]):
-        control[:, k, :, count + 3 * k : count + 3 * k + 3] += burn[:, k]
-    control[..., -4:] += thruster
-    own = 4 if thruster.any() else 0
-    used = slice(None if own else -4)
-    return Dispersion(state[..., used], control[..., used], correction, own)
+) -> Float[Array, "n K s s"]:
+    """Covariances by all errors at once: of navigation, of each burn and of thrusters.
 
-
-def _effects(
-    to_navigation: Float[Array, "T size J_s"],
-    to_burns: Float[Array, "T size _"],
-    known: Float[Array, "J_s J_s"],
-    burn: Float[Array, "n intervals 3 3"],
-    thruster: Float[Array, "n intervals 3 4"],
-) -> Float[Array, "n T size J"]:
-    """Linear maps from standard normal variables to deviations of states, or of controls."""
-    (T, size, _), (n, m), count = to_navigation.shape, burn.shape[:2], len(known)
-    found = np.empty((n, T, size, count + 3 * m + 4))
-    found[..., :count] = to_navigation @ known
-    each = found[..., count:-4].reshape(n, T * size, m, 3, copy=False)
-    np.matmul(to_burns.reshape(T * size, m, 3).swapaxes(0, 1), burn, out=each.swapaxes(1, 2))
-    found[..., -4:] = to_burns @ thruster.reshape(n, 1, 3 * m, 4)
+    That of a burn, Q, adds G Q Gᵀ, which for all craft and burns is one product with G ⊗ G.
+    """
+    (K, s, _), (n, m) = to_burns.shape, burn.shape[:2]
+    each, of_burn = to_burns.reshape(K, s, m, 3), (burn @ burn.mT).reshape(n, 9 * m)
+    found = np.empty((n, K, s, s))
+    for some in np.array_split(np.arange(K), 1 + K * s * s * 9 * m // AT_ONCE):
+        part = each[some]
+        products = part[:, :, None, :, :, None] * part[:, None, :, :, None, :]
+        by_burns = of_burn @ products.reshape(-1, 9 * m).T
+        found[:, some] = navigation[some] + by_burns.reshape(n, len(some), s, s)
+    if thruster.any():
+        biased = to_burns @ thruster.reshape(n, 1, 3 * m, 4)
+        found += biased @ biased.mT
     return found
 
 

@@ -200,9 +200,8 @@ def _at_node(
     node: int, first: Indices, second: Indices, states: States, spread: Dispersion
 ) -> tuple[Vectors, Float[Array, "k 3 3"]]:
     """Mean and covariance of pairs' relative positions at a node, m and m²."""
-    one, other = spread.state[first, node, :3], spread.state[second, node, :3]
-    covariance = one @ one.mT + other @ other.mT
-    return states[first, node, :3] - states[second, node, :3], covariance
+    covariance = spread.covariance[first, node] + spread.covariance[second, node]
+    return states[first, node, :3] - states[second, node, :3], covariance[:, :3, :3]
 
 
 def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:
@@ -235,7 +234,7 @@ def _stretches(
     # Checks on one side bound nothing for such pairs, whose risk is 1 unless errors are large.
     from scipy.special import gammainccinv  # slow to import, and only a risk needs it
 
-    n, normals = len(spread.state), spread.state.shape[3] + spread.thruster_normals
+    n, normals = len(spread.covariance), spread.pair_normals
     most = float(np.sqrt(2 * gammainccinv(normals / 2, FAR / (n * (n - 1) / 2))))  # K
     radius, deviation = problem.collision_radius, spread.deviation_bound(problem)
     within = radius + most * np.sqrt(2) * float(deviation.max())

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from pipeline.arrays import fields_as_python
 from pipeline.errors import InputError, check_kind, check_range, is_number
-from pipeline.orbit.covariance import MAX_ERRORS, Uncertainty, dispersion_size
+from pipeline.orbit.covariance import MAX_ERRORS, Uncertainty
 from pipeline.orbit.problem import Problem
 from pipeline.scenario import Scenario
 
@@ -14,7 +14,6 @@ from pipeline.scenario import Scenario
 SeparationKind = Literal["continuous", "nodes"]
 
 MOST_ORBITS = 100.0  # longest drift; the linear model is no longer accurate over so many orbits
-MOST_BYTES = 4e9  # memory of the errors of a swarm, bytes; planning takes up to three times as much
 LEAST = 1e-9  # least risk that can be asked for; no error is Gaussian so far out
 # Sigmas of a risk limit, each with the error of ``Uncertainty`` whose range it has
 SIGMAS = {"navigation_sigma": "position", "thrust_sigma": "magnitude", "velocity_sigma": "velocity"}
@@ -138,16 +137,8 @@ AT_ALL_TIMES = Requirements()  # craft apart at all times, and nothing besides
 def refuse_risk(scenarios: Sequence[Scenario], *, closed_loop: bool = False) -> None:
     """Raise InputError for scenarios that no risk limit is possible for: with sizes or corridors.
 
-    Also for too many craft and nodes and, in closed loop, further thrust limits or waypoints.
+    In closed loop also for those with further thrust limits, or waypoints.
     """
-    for one in scenarios:
-        size = dispersion_size(one.n, one.problem.intervals, closed_loop=closed_loop)
-        if size > MOST_BYTES:
-            raise InputError(
-                f"a risk is asked for {one.n} craft on {one.problem.nodes} nodes, whose errors "
-                f"take {size / 1e9:.3g} GB; expected at most {MOST_BYTES / 1e9:g}: a coarser time "
-                "grid, or fewer craft."
-            )
     if closed_loop and any(one.limits is not None for one in scenarios):
         raise InputError(
             "a risk is asked for in closed loop, and the scenario says more of thrust than "

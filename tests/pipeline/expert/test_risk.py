@@ -15,7 +15,7 @@ from pipeline.expert import EFFORTS, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED
-from pipeline.plan.requirements import Requirements, RiskLimit, refuse_risk
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import Scenario, draw
 
 PROBLEM = Problem()
@@ -198,15 +198,6 @@ def test_what_corrections_do_not_know_is_refused():
     pointed = replace(scenario, problem=replace(PROBLEM, thrust=Thrust("norm")))
     with pytest.raises(InputError, match="leave closed_loop out"):
         solve(pointed, requirements=closed(1e-3))
-
-
-def test_errors_that_would_not_fit_in_memory_are_refused_before_any_is_taken():
-    fine = draw("rings", 1, 30, 0, Problem(time_step=1.0, nodes=1201))
-    refuse_risk([draw("rings", 1, 30, 0, PROBLEM), draw("rings", 1, 2, 0, fine.problem)])
-    with pytest.raises(InputError, match=r"30 craft on 1201 nodes, whose errors take 9.36 GB"):
-        refuse_risk([fine])
-    with pytest.raises(InputError, match=r"take 28 GB; expected at most 4: a coarser time grid"):
-        refuse_risk([fine], closed_loop=True)
 
 
 @pytest.mark.parametrize(("index", "end"), [(15, "start"), (74, "goal")])

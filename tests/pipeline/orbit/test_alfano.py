@@ -41,7 +41,9 @@ def linear(case):
         states.append(nodes @ frame.from_inertial(craft.inertial - middle))
         roots.append(nodes @ frame.from_inertial(root.T).T)
     none = np.zeros((2, NODES - 1, 3))
-    spread = Dispersion(np.stack(roots), np.zeros((*none.shape, 6)), np.zeros((*none.shape, 3)))
+    covariance = np.zeros((2, NODES, 9, 9))
+    covariance[..., :6, :6] = np.stack(roots) @ np.stack(roots).mT
+    spread = Dispersion(covariance, np.zeros((*none.shape, 3)), 6)
     return np.stack(states), none, problem, spread
 
 
@@ -79,7 +81,7 @@ def expected_entries(states, _, problem, spread):
     """Over the whole time, at moments that are dense about the closest approach."""
     gap, errors, step = (
         states[1] - states[0],
-        (spread.state @ spread.state.mT).sum(axis=0),
+        spread.covariance[..., :6, :6].sum(axis=0),
         problem.time_step,
     )
 

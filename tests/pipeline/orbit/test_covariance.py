@@ -9,7 +9,6 @@ from pipeline.orbit.covariance import (
     Uncertainty,
     burn_deviation,
     dispersion,
-    dispersion_size,
     standard_deviation,
 )
 from pipeline.orbit.problem import Problem
@@ -24,7 +23,7 @@ def test_position_errors_in_free_space_are_those_by_hand():
     controls = np.zeros((1, 3, 3))
     controls[0, 0, 0], controls[0, 2, 1] = 0.2, 0.1
     spread = dispersion(controls, FREE, Uncertainty(0.3, 0.02, 0.05, 0.01))
-    found = spread.state @ spread.state.mT
+    found = spread.covariance[..., :6, :6]
     known = 0.3**2 + (30 * 0.02) ** 2
     first, last = 0.2 * (50 + 10 * 20), 0.1 * 50  # what the pushes move, m
     expected = [
@@ -52,7 +51,7 @@ def test_covariances_of_a_transfer_are_those_of_many_trials():
     problem, rng = Problem(), np.random.default_rng(0)
     controls = 1e-3 * rng.normal(size=(2, 10, 3))
     spread = dispersion(controls, problem, Uncertainty(0.2, 3e-4, 0.02, 0.02))
-    found = spread.state @ spread.state.mT
+    found = spread.covariance[..., :6, :6]
     trials, errors = 20000, Errors(0.2, 3e-4, 0.02)
     starts, pushes = drawn(np.zeros((2, 6)), controls, errors, trials, rng)
     case = Case(problem.mean_motion, problem.time_step, problem.nodes, 15.0)
@@ -72,7 +71,7 @@ def test_no_deviation_within_an_interval_is_above_its_bound():
     craft, interval = (one.ravel() for one in np.indices(most.shape))
     for offset in np.linspace(0, 600, 41):
         A, B = problem.dynamics.step(np.full(len(craft), offset))
-        covariance = spread.covariance(craft, interval)
+        covariance = spread.covariance[craft, interval]
         axes = np.concatenate([A[:, :3], B[:, :3]], axis=2).swapaxes(0, 1)
         mean_square = sum(standard_deviation(axis, covariance) ** 2 for axis in axes)
         within = np.maximum(within, np.sqrt(mean_square).reshape(within.shape))
@@ -84,16 +83,11 @@ def test_errors_do_not_depend_on_where_a_craft_is():
     """The motion is linear: what a state and a burn err by moves as a state and a burn do."""
     problem, controls = Problem(), np.full((1, 10, 3), 1e-3)
     spread = dispersion(controls, problem, Uncertainty(magnitude=0.1))
-    one = flown(np.zeros((1, 6)), np.full((1, 10, 3), 1e-3), problem)
-    assert spread.state[0, 0, :, :6] == pytest.approx(np.zeros((6, 6)))
-    along = np.full(3, 3**-0.5)  # by one standard deviation in size
-    pushed = spread.state[0, 10, :, 6:].reshape(6, 10, 3) @ along
-    assert pushed.sum(axis=1) == pytest.approx(0.1 * one[0, 10], rel=1e-9)
-
-
-@pytest.mark.parametrize("closed_loop", [False, True])
-def test_its_size_is_known_before(closed_loop):
-    problem, errors = Problem(nodes=8), Uncertainty(0.1, 1e-3, 0.01, magnitude_bias=0.01)
-    found = dispersion(np.full((3, 7, 3), 1e-3), problem, errors, closed_loop=closed_loop)
-    size = found.state.nbytes + found.control.nbytes
-    assert dispersion_size(3, 7, closed_loop=closed_loop) == size
+    alone = np.zeros((10, 10, 3))
+    alone[range(10), range(10)] = 1e-3
+    each = flown(np.zeros((10, 6)), alone, problem)[:, -1]  # by the burn of one interval
+    assert (spread.covariance[0, 0, :6, :6] == 0).all()
+    wanted = 0.01 * each.T @ each
+    scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
+    found = spread.covariance[0, 10, :6, :6]
+    assert found == pytest.approx(wanted, rel=1e-9, abs=1e-9 * scale.min())
