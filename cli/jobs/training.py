@@ -111,7 +111,7 @@ def _check(made_by: DecidedBy, expected: Mapping[str, str], task: TrainingTask) 
 def train_task(
     task: TrainingTask, data: Sources, progress: Progress = SILENT, *, flown: bool = True
 ) -> FinishedTraining:
-    """Train a network and, unless it is a trial of a search, fly it on validation scenarios."""
+    """Train a network and, if ``flown``, evaluate its plans on validation scenarios."""
     how, (learn, valid) = task.settings, data
     trained = train(
         *(task.arch, task.recipe, learn, valid),

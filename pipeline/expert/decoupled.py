@@ -120,7 +120,7 @@ def minimum_fuel(miss: Formation, problem: Problem) -> MinimumFuelTransfers | No
 
 @lru_cache(maxsize=32)
 def _first_basis(problem: Problem) -> Int[Array, "6"] | None:
-    """An optimal basis of one transfer, dual feasible for all others; None where there is none."""
+    """A dual feasible basis of every craft's linear program, or None."""
     columns = independent_columns(problem)
     if columns is None:
         return None
@@ -133,7 +133,7 @@ def _first_basis(problem: Problem) -> Int[Array, "6"] | None:
 def _optimal_basis(
     miss: Float[Array, "6"], problem: Problem, first: Int[Array, "6"]
 ) -> Int[Array, "6"]:
-    """Optimal basis of one craft's linear program from a first one; UnsolvableError if none."""
+    """Optimal basis of a craft's linear program, started from another; UnsolvableError if none."""
     reach, none = transfer_maps(problem).reach[-1], np.zeros(0, dtype=int)
     m = reach.shape[1]
     program = Subproblem(

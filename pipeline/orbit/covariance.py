@@ -13,7 +13,8 @@ from pipeline.orbit.problem import Problem
 
 AT_ONCE = 4_000_000  # products of responses that are computed at once, which bounds memory
 NO_ERROR = 1e-100  # standard deviation in place of 0, SI
-ROUNDING = 1e-9  # added to correlations, so that with rounding they are positive definite
+# Added to scaled variances, of at most 1, so that with rounding matrices are positive definite
+ROUNDING = 1e-9
 NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding error and no burn
 
 # Largest errors that are accepted, SI: no swarm would be flown with larger ones
@@ -105,9 +106,10 @@ class Dispersion:
         # Errors are a root of the covariance times independent variables; the Frobenius norm, whose
         # square is the mean square, obeys the triangle inequality.
         covariance, intervals = self.covariance[:, :-1], np.arange(problem.intervals)[:, None]
-        sigma = np.sqrt(np.diagonal(covariance, axis1=2, axis2=3))[..., None] + NO_ERROR
-        correlation = covariance / (sigma * sigma.mT) + ROUNDING * np.eye(9)
-        columns = (sigma * np.linalg.cholesky(correlation)).mT
+        largest = np.diagonal(covariance, axis1=2, axis2=3).max(axis=(0, 1))
+        scale = np.sqrt(largest)[:, None] + NO_ERROR
+        root = np.linalg.cholesky(covariance / (scale * scale.T) + ROUNDING * np.eye(9))
+        columns = (scale * root).mT
         parts = columns[..., :6], columns[..., 6:]
         return norm(problem.dynamics.acceleration_bound(*parts, problem.time_step, intervals))
 
@@ -159,7 +161,7 @@ def _navigation(
 
         known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
     else:
-        known = _joint(noise, bias)
+        known = np.concatenate([noise, bias], axis=1)  # a root of the sum of both covariances
     root = _with_controls(to.state_to_navigation, to.control_to_navigation) @ known
     return root @ root.mT, len(known)
 
@@ -191,14 +193,6 @@ def navigation_roots(
     if size > 0:
         noise[4, [0, 4]] = -2 * rate * uncertainty.position, rate * size / 2
     return noise, bias
-
-
-def _joint(one: Float[Array, "6 6"], other: Float[Array, "6 6"]) -> Float[Array, "6 6"]:
-    """A square root of the sum of two covariances, given by square roots."""
-    if not other.any():
-        return one
-    values, vectors = np.linalg.eigh(one @ one.T + other @ other.T)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def correlation_root(uncertainty: Uncertainty, problem: Problem) -> Float[Array, "m m"]:

@@ -227,7 +227,7 @@ def unavoidable_encounter(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
-    """The closest encounter within r_col, or both radii, that the ends imply, or None.
+    """The closest encounter too near that no plan between the two ends avoids, or None.
 
     Radii of craft are in m; obstacles need them, and are numbered after the craft.
     """

@@ -92,7 +92,7 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
 
 
 def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
-    """The costs with further limits of thrust than max_acceleration, or with waypoints."""
+    """The costs where craft have thrust limits besides max_acceleration, or waypoints."""
     n, craft = scenario.n, np.arange(scenario.n)
     fuel = np.zeros((n, n))
     for shift in range(n):
@@ -134,7 +134,7 @@ def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
 
 @dataclass(frozen=True, eq=False)
 class _Subproblem:
-    """A subset of the assignments, as Murty's method partitions them: a node of its search."""
+    """A node of Murty's search: a subset of the assignments."""
 
     slots: Slots  # the best of the part, or of the one that it was split from
     kept: int  # craft before this one keep their goals of ``slots``

@@ -31,7 +31,7 @@ def one_of(**fields: str) -> dict[str, Any]:
 
 
 def _all_of(others: Mapping[str, Any], **fields: str | list[str]) -> dict[str, Any]:
-    """The condition that fields are given, by JSON type, and others are as their schemas say."""
+    """JSON Schema that requires fields of some types, and others as their schemas say."""
     types = {name: {"type": kind} for name, kind in fields.items()}
     return {"required": [*fields], "properties": {**types, **others}}
 

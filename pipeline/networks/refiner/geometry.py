@@ -173,9 +173,9 @@ def encounters(states: Float[Array, "N T 6"], n: int) -> Encounters:
 
 
 def considered(states: Float[Any, "N T 6"], n: int) -> Float[Any, "b"]:
-    """Distance within which a pair is considered in each swarm, r_col.
+    """Distance in each swarm within which pairs count as encounters, r_col.
 
-    Its extent is half of the longest side of a box around it at all nodes.
+    A swarm's extent is half of the longest side of a box around it at all nodes.
     """
     xp, position = namespace(states), states[..., :3].reshape(states.shape[0] // n, -1, 3)
     extent = xp.amax(xp.amax(position, axis=1) - xp.amin(position, axis=1), axis=1) / 2
@@ -441,9 +441,10 @@ def position_at(motion, s):
 @no_type_check
 @njit(cache=True, fastmath=True)
 def add_up(messages, free, start, order, result):
-    """Both sums, into ``result``, which begins as zeros; sides are those of ``Sides``.
+    """Sums of messages over each craft's other encounters, added to ``result``, which is zero.
 
-    Messages, (L, 2, 2H), have the terms of the first sum and those of the second.
+    Messages, (L, 2, 2H), have the terms of the first sum and those of the second; sides are those
+    of ``Sides``.
     """
     m, H = free.shape[1], messages.shape[2] // 2
     every = np.empty(H, messages.dtype)
