@@ -22,6 +22,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.subproblem import LENGTH, NEGLIGIBLE, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.arrays import Values
+from pipeline.orbit.problem import LIMIT_ROUNDING
 from pipeline.orbit.thrust import COMPONENTS, Limits
 
 # Clarabel's statuses of a solution, and of an infeasible program
@@ -153,6 +154,17 @@ class ConicProgram:
         largest = top + np.arange(n), np.full(n, self.variables - 1), -np.ones(n)
         return _joined(spent, shares, largest), np.concatenate([left[some], np.zeros(n)])
 
+    def least_burns(self) -> Block:
+        """Rows that keep burns of pointed thrusters as large as the smallest impulse bit."""
+        sub, V, bit = self.sub, len(self.price), self.sub.thrust.min_delta_v
+        value = np.zeros((1, len(self.slots[0]), V))
+        if self.limits.least is not None:
+            value[0, :, :3] = -self.limits.least[self.slots]
+        some = value[0].any(axis=1)
+        least = 0.0 if bit is None else bit * (1 + LIMIT_ROUNDING) / (sub.time_step * sub.unit)
+        rows = self._by_slot(value, np.cumsum(some)[None] - 1)
+        return rows, np.full(int(some.sum()), -least)
+
     def bounds(self) -> Block:
         """Bound rows: signs of thrusts and slacks, and limits of components or thrusters."""
         sub, (craft, _) = self.sub, self.slots
@@ -191,16 +203,17 @@ class ConicProgram:
     def solution(self, *accepted: str) -> tuple[str, Float[Array, "v"], Values]:
         """Clarabel's status, variables x, and dual variables z of the rows of A x + s = b.
 
-        The rows are goals, bounds, spending, half-spaces and cones. Where it ends with no accepted
-        status, it is sought again with equilibration and iterative refinement, which these
-        well-scaled programs rarely need and which take half of the time.
+        The rows are goals, bounds, least burns, spending, half-spaces and cones. Where it ends with
+        no accepted status, it is sought again with equilibration and iterative refinement, which
+        these well-scaled programs rarely need and which take half of the time.
         """
         from scipy.sparse import csc_matrix  # slow to import, and few plans need it
 
-        blocks = [self.goals(), self.bounds(), self.spending(), self.half_spaces(), self.cones()]
+        linear = [self.bounds(), self.least_burns(), self.spending(), self.half_spaces()]
+        blocks = [self.goals(), *linear, self.cones()]
         heights = [len(b) for _, b in blocks]
-        cones = [clarabel.ZeroConeT(heights[0]), clarabel.NonnegativeConeT(sum(heights[1:4]))]
-        cones += [clarabel.SecondOrderConeT(4)] * (heights[4] // 4)
+        cones = [clarabel.ZeroConeT(heights[0]), clarabel.NonnegativeConeT(sum(heights[1:-1]))]
+        cones += [clarabel.SecondOrderConeT(4)] * (heights[-1] // 4)
         A, right_side = stacked(blocks, self.variables, self.kept)
         quadratic = csc_matrix((len(self.kept), len(self.kept)))
         settings = clarabel.DefaultSettings()

@@ -52,7 +52,8 @@ def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
     component, norm, delta_v = (
         LIMIT_SHARE * one for one in (limits.component, limits.norm, limits.delta_v)
     )
-    return Limits(component, norm, delta_v if budget else np.inf * delta_v, limits.burns)
+    delta_v = delta_v if budget else np.inf * delta_v
+    return replace(limits, component=component, norm=norm, delta_v=delta_v)
 
 
 def minimum_fuel_by_cones(

@@ -1,27 +1,28 @@
-"""The smallest impulse bit: plans with burns below it are searched again without these burns.
+"""The smallest impulse bit: plans with burns below it are searched again, without them or larger.
 
-Where programs are linear, mixed-integer programs make each thrust zero or large enough. Where they
-have cones, plans are made in turn, each without the smaller half of the burns that were too small
-in the plan before, about which it is linearized.
+For thrusters with fixed directions mixed-integer programs make each thrust zero or large enough.
+For a pointed one plans are made in turn, each without the smaller half of the burns that were too
+small in the plan before, about which it is linearized. Where that ends without a safe plan, they
+are made once more, each with these burns raised: as large as the smallest, along their directions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool
 from pipeline.expert.batch import Batch
 from pipeline.expert.conic_decoupled import decoupled_program, polished
 from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.scp import Search, SearchProblem
 from pipeline.expert.subproblem import UnsolvableError
-from pipeline.orbit.arrays import Controls
+from pipeline.orbit.arrays import Controls, norm
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import burn_sizes, craft_fuel, too_small
 
 ROUNDS = 16  # plans at most
+NEGLIGIBLE = 0.03  # share of the smallest burn up to which burns are dropped and never raised
 
 
 def without_small_burns(task: SearchProblem, results: Sequence[SearchResult]) -> list[SearchResult]:
@@ -38,14 +39,11 @@ def _searched_again(task: SearchProblem, result: SearchResult) -> SearchResult:
     assert limits is not None
     if not too_small(result.controls, limits, batch.problem).any():
         return result
-    has_cones = batch.problem.thrust.directions is None or np.isfinite(limits.norm).any()
-    found = (_search_with_fewer_burns if has_cones else _search_by_integers)(task, result)
+    pointed = batch.problem.thrust.directions is None
+    found = (_search_pointed if pointed else _search_by_integers)(task, result)
     if result.feasible:
         fuel = craft_fuel(result.controls, batch.problem.thrust, limits)
         found = replace(found, fuel_without=float(fuel.sum()))
-    if not found.obstacle and too_small(found.controls, limits, batch.problem).any():
-        why = f"not all burns reach {batch.problem.thrust.min_delta_v:g} m/s"
-        found = replace(found, feasible=False, obstacle=why)
     return found
 
 
@@ -72,37 +70,70 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
     start.optima = replace(optima, controls=controls)
     search = replace(task, batch=start, whole_burns=True)
     (found,) = Search(search, [result.controls]).run()
-    return replace(found, convex_solves=result.convex_solves + found.convex_solves)
+    solves = result.convex_solves + found.convex_solves
+    return _unless_small(replace(found, convex_solves=solves), batch)
 
 
-def _search_with_fewer_burns(task: SearchProblem, result: SearchResult) -> SearchResult:
-    """Search one scenario with ever fewer burns, until all are large enough or rounds end."""
+def _search_pointed(task: SearchProblem, result: SearchResult) -> SearchResult:
+    """Search with small burns dropped or, where that ends without a safe plan, raised."""
+    found = _search_in_rounds(task, result, without_smaller_half)
+    if found.feasible:
+        return found
+    raised = _search_in_rounds(task, result, with_raised_burns)
+    solves = found.convex_solves + raised.convex_solves - result.convex_solves
+    return replace(raised if raised.feasible else found, convex_solves=solves)
+
+
+def _search_in_rounds(
+    task: SearchProblem,
+    result: SearchResult,
+    changed: Callable[[Controls, Limits, Problem], Limits],
+) -> SearchResult:
+    """Search one scenario by limits that each plan changes, until all burns are large enough."""
     batch, solves = task.batch, result.convex_solves
     assert batch.limits is not None
+    bit = batch.problem.thrust.min_delta_v
     for _ in range(ROUNDS):
-        dropped = smaller_half(result.controls, batch.limits, batch.problem)
-        if not dropped.any():
+        if not too_small(result.controls, batch.limits, batch.problem).any():
             break
-        limits = replace(batch.limits, burns=batch.limits.burns & ~dropped)
+        limits = changed(result.controls, batch.limits, batch.problem)
         batch = Batch(batch.scenarios, limits, batch.constraints)
         if not batch.optima.feasible.all():
             k = int(batch.optima.feasible.argmin())
-            bit = batch.problem.thrust.min_delta_v
             why = f"no burns of craft {k} were found of at least {bit:g} m/s each"
             return replace(result, convex_solves=solves, feasible=False, obstacle=why)
         (result,) = Search(replace(task, batch=batch), [result.controls]).run()
         solves += result.convex_solves
-    return replace(result, convex_solves=solves)
+    return _unless_small(replace(result, convex_solves=solves), task.batch)
 
 
-def smaller_half(
-    controls: Controls, limits: Limits, problem: Problem
-) -> Bool[Array, "n intervals 3"]:
-    """The smaller half, and at least one, of the burns of each craft that are too small."""
+def without_smaller_half(controls: Controls, limits: Limits, problem: Problem) -> Limits:
+    """Limits without the smaller half, at least one, of each craft's burns that are too small."""
     small = too_small(controls, limits, problem)
     size = burn_sizes(controls, limits, problem.thrust)
-    dropped = np.zeros(controls.shape, dtype=bool)
+    burns = limits.burns.copy()
     for k in np.flatnonzero(small.any(axis=(1, 2))):
         middle = np.quantile(size[k][small[k]], 0.5, method="higher")
-        dropped[k] = small[k] & (size[k] <= middle)
-    return dropped
+        burns[k] &= ~small[k] | (size[k] > middle)
+    return replace(limits, burns=burns)
+
+
+def with_raised_burns(controls: Controls, limits: Limits, problem: Problem) -> Limits:
+    """Limits by which burns that are or were too small are large enough, or zero if negligible."""
+    assert problem.thrust.min_delta_v is not None
+    small, size = too_small(controls, limits, problem), norm(controls)[..., None]
+    if limits.least is not None:
+        small |= limits.least.any(axis=2, keepdims=True)
+    negligible = small & (size < NEGLIGIBLE * problem.thrust.min_delta_v / problem.time_step)
+    raised = small & ~negligible
+    least = np.where(raised, controls / np.where(raised, size, 1.0), 0.0)
+    return replace(limits, burns=limits.burns & ~negligible, least=least)
+
+
+def _unless_small(found: SearchResult, batch: Batch) -> SearchResult:
+    """The result; not feasible, with the reason, where a burn is too small."""
+    assert batch.limits is not None
+    if found.obstacle or not too_small(found.controls, batch.limits, batch.problem).any():
+        return found
+    why = f"not all burns reach {batch.problem.thrust.min_delta_v:g} m/s"
+    return replace(found, feasible=False, obstacle=why)

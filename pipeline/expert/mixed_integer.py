@@ -2,7 +2,8 @@
 
 A binary variable for each thrust says whether the thruster fires. Thrusters that fire together
 must produce their control at the least cost, as a plan stores their sum alone: opposite ones are
-excluded from the start, and other sets that do not are excluded as they appear.
+excluded from the start, and other sets that do not are excluded as they appear. So are controls
+whose norm exceeds its limit, by planes that cut off a bit of the sphere.
 """
 
 from itertools import combinations
@@ -16,19 +17,22 @@ from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import ConicProgram, stacked
 from pipeline.expert.solvers import ROWWISE, new_highs, run
 from pipeline.expert.subproblem import LENGTH, Optimum, Subproblem, UnsolvableError
-from pipeline.orbit.arrays import Values
+from pipeline.orbit.arrays import Values, norm
 from pipeline.orbit.problem import LIMIT_ROUNDING
 from pipeline.orbit.thrust_cost import cost
 
 GAP = 1e-3  # relative gap at which branch and bound ends
 NODES = 500  # of its tree at most, after which it ends with the best solution so far
 FEASIBLE = 1e-9  # tolerance of rows; times the largest thrust it is far below a burn
-ROUNDS = 8  # programs at most, each without the sets of thrusters found to be too expensive
+ROUNDS = 20  # programs at most, each with rows against what was wrong in those before
+INSIDE = 0.995  # distance of a plane from the origin over the norm's limit: one serves for 6°
+# A row with an upper bound: indices of variables, their coefficients, and the bound
+BoundedRow = tuple[Int[Array, "_"], Float[Array, "_"], float]
 _FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionLimit)
 
 
 class _IntegerProgram(ConicProgram):
-    """The program without cones; binary variables of all thrusts follow its own."""
+    """The program with planes for cones; binary variables of all thrusts follow its own."""
 
     def rows(self) -> tuple[sparse.csr_array, Values]:
         """Rows and b: equalities, inequalities, and thrusts that are zero or at least a bit."""
@@ -65,23 +69,38 @@ class _IntegerProgram(ConicProgram):
         needed = dearest * np.abs(least_energy).max(axis=1) / sub.unit
         return np.asarray(np.maximum(1.0, needed) * (m / 3))
 
-    def opposite(self) -> list[Int[Array, "_"]]:
-        """Indices of the two variables of each pair of opposite thrusters, in every interval."""
+    def not_together(self, thrusts: Int[Array, "_"]) -> BoundedRow:
+        """The row by which some thrusts are not all nonzero."""
+        return self.variables + thrusts, np.ones(len(thrusts)), len(thrusts) - 1.0
+
+    def opposite(self) -> list[BoundedRow]:
+        """Rows by which no two opposite thrusters fire together."""
         effect, V = self.effect, len(self.price)
         pairs = [
             (i, j) for i, j in combinations(range(V), 2) if (effect[:, i] == -effect[:, j]).all()
         ]
-        return [np.array(pair) + V * s for s in range(len(self.slots[0])) for pair in pairs]
+        each = [V * s + np.array(pair) for s in range(len(self.slots[0])) for pair in pairs]
+        return list(map(self.not_together, each))
 
-    def best(self, excluded: list[Int[Array, "_"]]) -> Float[Array, "v"]:
-        """The best variables in which no excluded set of thrusts is nonzero as a whole."""
+    def beyond_norm(self, control: Float[Array, "S 3"]) -> list[BoundedRow]:
+        """Rows, in all intervals, against scaled controls that exceed the limit on their norm."""
+        craft, V, size = self.slots[0], len(self.price), norm(control)
+        limit = self.limits.norm[craft] / self.sub.unit
+        return [
+            (V * each + np.arange(V), control[s] / size[s] @ self.effect, INSIDE * float(limit[s]))
+            for s in np.flatnonzero(size > limit).tolist()
+            for each in np.flatnonzero(craft == craft[s]).tolist()
+        ]
+
+    def best(self, added: list[BoundedRow]) -> Float[Array, "v"]:
+        """The best variables by the rows of the program and those added."""
         (rows, upper), N = self.rows(), self.thrusts
         width = rows.shape[1]
-        sets = sparse.lil_array((len(excluded), width))
-        for k, some in enumerate(excluded):
-            sets[k, width - N + some] = 1.0
-        rows = sparse.csr_array(sparse.vstack([rows, sparse.csr_array(sets)]))
-        upper = np.concatenate([upper, [len(some) - 1.0 for some in excluded]])
+        more = sparse.lil_array((len(added), width))
+        for k, (variables, coefficients, _) in enumerate(added):
+            more[k, variables] = coefficients
+        rows = sparse.csr_array(sparse.vstack([rows, sparse.csr_array(more)]))
+        upper = np.concatenate([upper, [bound for *_, bound in added]])
         lower = np.full(len(upper), -np.inf)
         goals = self.goals()[1]
         lower[: len(goals)] = goals
@@ -111,22 +130,25 @@ class _IntegerProgram(ConicProgram):
 
 
 def by_integers(sub: Subproblem) -> Optimum:
-    """Solve a subproblem of thrusters with fixed directions, without limits on norms.
+    """Solve a subproblem of thrusters with fixed directions.
 
     Dual variables are not known, and zero. UnsolvableError where no solution is found.
     """
     program = _IntegerProgram(sub)
     N, V, k = program.thrusts, len(program.price), len(sub.required)
-    excluded = program.opposite()
+    added = program.opposite()
     for _ in range(ROUNDS):
-        found = program.best(excluded)
+        found = program.best(added)
         fired = found[:N].reshape(-1, V)
         fired = np.where(fired > LIMIT_ROUNDING * fired.max(initial=0.0), fired, 0.0)
-        spent, least = fired.sum(axis=1), cost(fired @ program.effect.T, sub.thrust)
+        control = fired @ program.effect.T
+        spent, least = fired.sum(axis=1), cost(control, sub.thrust)
         dear = np.flatnonzero(spent > least * (1 + LIMIT_ROUNDING))
-        if len(dear) == 0:
+        wrong = [program.not_together(V * s + np.flatnonzero(fired[s])) for s in dear]
+        wrong += program.beyond_norm(control)
+        if not wrong:
             found[:N] = fired.ravel()
             slack = LENGTH * found[N : N + k]
             return Optimum(program.controls_of(found), slack, np.zeros(k))
-        excluded += [V * s + np.flatnonzero(fired[s]) for s in dear]
-    raise UnsolvableError("no burns were found whose thrusters fire at the least cost")
+        added += wrong
+    raise UnsolvableError("no burns were found that fire at the least cost within the norm's limit")

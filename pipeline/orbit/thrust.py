@@ -124,6 +124,8 @@ class Limits(Rows):
     norm: PerCraft  # largest ‖u‖₂, m/s²
     delta_v: PerCraft  # Δv left, m/s
     burns: Bool[Array, "n intervals 3"]  # components that may be nonzero
+    # directions in which a pointed thruster gives at least the smallest impulse bit; 0 for none
+    least: Float[Array, "n intervals 3"] | None = None
 
     @property
     def limiting(self) -> bool:

@@ -54,6 +54,7 @@ def test_swarms_keep_to_all_that_is_said_of_thrust(model):
         Thrust(model, 0.02, no_burn=WINDOW),
         Thrust(model, objective="fair"),
         Thrust(model, min_delta_v=0.01),
+        Thrust(model, 0.02, min_delta_v=0.02),
     ):
         windows = [((0.0, 100.0),) * (k % 2) for k in range(5)]
         own = tuple(Spacecraft(delta_v=100.0, no_burn=one) for one in windows)
@@ -181,6 +182,33 @@ def test_impulse_bits_of_one_craft_cost_what_a_mixed_integer_program_says(model,
     )
 
 
+@pytest.mark.parametrize("model", ["components", FIVE], ids=["components", "five"])
+@pytest.mark.parametrize("share", [0.6, 0.9, 2.0])
+def test_impulse_bits_beside_a_limit_on_the_norm_cost_little_more_than_the_least(model, share):
+    """The limit as a share of the largest control without one: below 1 it is active.
+
+    Planes that touch the sphere in 200 points give the least fuel, and others slightly inside it
+    the plan.
+    """
+    bit, free = 0.02, solve(with_thrust(ONE, Thrust(model, min_delta_v=0.02), limit=0.03))
+    most = share * float(np.linalg.norm(free.controls, axis=2).max())
+    scenario = with_thrust(ONE, Thrust(model, most, bit), limit=0.03)
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert judged(scenario, plan).wrong == ()
+    assert plan.certificate.fuel <= 1.01 * least_with_bit(scenario, bit)
+
+
+@pytest.mark.parametrize("index, bit", [(10, 0.05), (28, 0.05), (8, 0.1), (24, 0.1), (7, 0.2)])
+def test_pointed_thrusters_make_burns_larger_where_without_small_ones_craft_would_meet(index, bit):
+    swarm = draw("rings", 0, 6, index, Problem(thrust=Thrust("norm", min_delta_v=bit)), "valid")
+    plan = solve(swarm)
+    assert plan.status == SOLVED, plan.message
+    assert judged(swarm, plan).wrong == ()
+    size = swarm.problem.time_step * np.linalg.norm(plan.controls, axis=2)
+    assert (size[size > 0] >= bit * (1 - 1e-6)).all()
+
+
 @pytest.mark.parametrize("bit", [0.02, 0.2, 0.4])
 def test_burns_are_as_large_as_the_bit_where_there_are_few_intervals(bit):
     """There thrusters would have to fire against each other to make small differences."""
@@ -296,6 +324,9 @@ def least_with_bit(scenario, bit):
         against = int((directions[k] == -directions).all(axis=1).argmax())
         once[row, [K * t + k, K * t + against]] = 1.0
     limits.append(LinearConstraint(np.hstack([0 * once, once]), 0, 1))
+    if (norm := scenario.problem.thrust.max_acceleration_norm) is not None:
+        planes = np.kron(np.eye(m), ways() @ directions.T)  # that touch the sphere
+        limits.append(LinearConstraint(np.hstack([planes, 0 * planes]), -np.inf, norm / unit))
     found = milp(
         np.repeat([1.0, 0.0], m * K),
         constraints=limits,
@@ -304,6 +335,14 @@ def least_with_bit(scenario, bit):
         options={"mip_rel_gap": 1e-5, "time_limit": 30},
     )
     return unit * found.fun
+
+
+def ways():
+    """200 unit vectors spread over the sphere (Fibonacci's lattice), no point farther than 12°."""
+    k = np.arange(200) + 0.5
+    turn, height = np.pi * (1 + 5**0.5) * k, 1 - 2 * k / 200
+    flat = np.sqrt(1 - height**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
 
 
 def test_a_fair_plan_burns_the_least_largest_share():
