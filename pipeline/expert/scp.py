@@ -4,7 +4,8 @@ The decoupled optimum of every craft comes first: it gives the lower bound, and 
 conflict keep it. Craft that come too close form clusters, and each cluster is solved jointly with
 half-space cuts linearized about a trajectory. Small clusters of a scenario share a program; in a
 large one, from some round on, only craft near unsafe ones are variables, with the controls of all
-others fixed. The iteration cannot cycle:
+others fixed; mixed-integer programs of all but small clusters have one craft at a time. The
+iteration cannot cycle:
 
 - cuts, once made, are kept;
 - as long as the linearization point violates a cut, the newest iterate takes its place;
@@ -59,6 +60,7 @@ PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut tha
 MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
 
 STILL = 1e-10  # share of a typical control up to which a change of a control is none
+FEW = 3  # craft of a cluster up to which one mixed-integer program has all of them
 LARGE = 200  # craft of a cluster from which on only pairs of craft that changed are checked again
 
 Seeds = Sequence[Float[Array, "_ intervals 3"] | None]  # controls that fly a seed, or None
@@ -118,6 +120,8 @@ class Search:
         self.bases = Bases(self.batch.optima.basis, 3 * self.problem.intervals)
         self._set_cuts(cuts)
         self.active[cuts.first] = self.active[cuts.second] = True
+        if task.whole_burns:  # where craft are fixed before their turn
+            self.iterate.set(self.active, self.reference[self.active])
         # Controls when pairs were last checked, and craft that were unsafe then.
         self.checked, self.unsafe = self.iterate.controls.copy(), self.active.copy()
         self.shift = self._first_shift(start)
@@ -277,6 +281,10 @@ class Search:
     def _solve_cluster(self, craft: Cluster, planes: HalfSpaces) -> None:
         """Solve a cluster's program or, of a large one, parts that grow where they leave slack."""
         cuts, near = self.cuts_of[int(craft[0])], self.unsafe
+        if self.task.whole_burns and len(craft) > FEW:
+            for k in range(len(craft)):
+                self._solve_part(craft[k : k + 1], cuts, planes)
+            return
         # The largest share depends on all craft.
         divisible = len(craft) >= VAST and self.batch.weight is None
         for _ in range(2):
