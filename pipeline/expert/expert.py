@@ -158,8 +158,8 @@ def _leaving_room(plan: Plan, back_off: BackOff, risk_limit: float) -> Scenario:
     scenario, limit = plan.scenario, plan.scenario.problem.max_acceleration
     if limit is None or not back_off.closed_loop:
         return scenario
-    correction = back_off.dispersion(plan.controls, scenario.problem).correction_covariance
-    largest = float(np.sqrt(np.diagonal(correction, axis1=2, axis2=3)).max())
+    spread = back_off.dispersion(plan.controls, scenario.problem)
+    largest = float(spread.correction_sigma.max())
     left = limit - _tail(SATURATION * risk_limit / plan.controls.size) * largest
     if left <= 0:
         return scenario

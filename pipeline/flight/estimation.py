@@ -17,7 +17,7 @@ from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import norm
 from pipeline.orbit.covariance import (
     Uncertainty,
-    burn_deviation,
+    burn_covariance,
     navigation_roots,
     thruster_deviation,
 )
@@ -113,10 +113,10 @@ class Filter:
         move[:, STATE, STATE] = A
         move[:, STATE, THRUSTER] = through @ thruster_deviation(burnt[:, None], errors)[:, 0]
         move[:, NOISE, NOISE] *= self._kept
-        driven = through @ burn_deviation(burnt[:, None], problem, errors)[:, 0]
+        burns = burn_covariance(burnt[:, None], problem, errors)[:, 0]
         left_out = UNMODELLED * problem.mean_motion**2 * norm(mean[:, :3])
         covariance = move @ covariance @ move.mT
-        covariance[:, STATE, STATE] += driven @ driven.mT
+        covariance[:, STATE, STATE] += through @ burns @ through.T
         covariance[:, STATE, STATE] += left_out[:, None, None] ** 2 * (B @ B.T)
         covariance[:, NOISE, NOISE] += (1 - self._kept**2) * np.eye(6)
         mean = np.matvec(move, mean)

@@ -14,7 +14,7 @@ from pipeline.arrays import Array, Bool, Float
 from pipeline.flight.world import HeldControls
 from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches
 from pipeline.orbit.arrays import Formation, Indices, Values, Vectors, norm
-from pipeline.orbit.covariance import Uncertainty, burn_deviation, standard_deviation
+from pipeline.orbit.covariance import Uncertainty, burn_covariance, standard_deviation
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight
@@ -102,8 +102,7 @@ class LastInterval:
     ) -> Values:
         """Standard deviations of pairs' separations along unit vectors, m."""
         known = self.covariance.reshape(-1, 6, 6)
-        burns = burn_deviation(held[:, None], self.problem, self.uncertainty)[:, 0]
-        burns = burns @ burns.mT
+        burns = burn_covariance(held[:, None], self.problem, self.uncertainty)[:, 0]
         along = [
             standard_deviation(np.vecmat(normal, one), each[first] + each[second])
             for one, each in zip(maps, (known, burns), strict=True)

@@ -8,10 +8,10 @@ import numpy as np
 from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_range
 from pipeline.orbit.arrays import Controls, Indices, Values, norm
-from pipeline.orbit.feedback import Responses, closed_loop_responses, open_loop_responses
+from pipeline.orbit.feedback import ErrorMaps, error_maps
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.transfer import step_maps
 
-AT_ONCE = 4_000_000  # products of responses that are computed at once, which bounds memory
 NO_ERROR = 1e-100  # standard deviation in place of 0, SI
 # Added to scaled variances, of at most 1, so that with rounding matrices are positive definite
 ROUNDING = 1e-9
@@ -97,6 +97,12 @@ class Dispersion:
     correction_covariance: Float[Array, "n intervals 3 3"]  # of what feedback adds to controls
     pair_normals: int  # variables in which the errors of a pair's difference are linear
 
+    @property
+    def correction_sigma(self) -> Float[Array, "n intervals 3"]:
+        """Standard deviation of each component of what feedback adds to controls, m/s²."""
+        variance = np.diagonal(self.correction_covariance, axis1=2, axis2=3)
+        return np.sqrt(np.maximum(variance, 0.0))  # of 0, rounding may be below it
+
     def of_pairs(self, first: Indices, second: Indices, node: Indices) -> Float[Array, "k 9 9"]:
         """Covariance of the difference of two craft: state at a node, and control from there."""
         return self.covariance[first, node] + self.covariance[second, node]
@@ -116,11 +122,13 @@ class Dispersion:
     def deviation_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
         """Upper bound on the root mean square distance from the plan in each interval, m."""
         # Between its ends an error of the position is within h²/8 max|p̈| of its chord.
-        at_nodes = np.sqrt(np.trace(self.covariance[..., :3, :3], axis1=2, axis2=3))
+        square = np.trace(self.covariance[..., :3, :3], axis1=2, axis2=3)
+        at_nodes = np.sqrt(np.maximum(square, 0.0))
         bend = self.acceleration_bound(problem) * problem.time_step**2 / 8
         return np.maximum(at_nodes[:, :-1], at_nodes[:, 1:]) + bend
 
 
+@np.errstate(under="ignore")
 def dispersion(
     controls: Controls, problem: Problem, uncertainty: Uncertainty, closed_loop: bool = False
 ) -> Dispersion:
@@ -128,59 +136,77 @@ def dispersion(
 
     They do not depend on initial states. In open loop, or with ``pipeline.orbit.feedback``.
     """
-    navigation, normals = _navigation(problem, uncertainty, closed_loop)
-    to = _responses(problem, uncertainty, closed_loop)
-    burn = burn_deviation(controls, problem, uncertainty)
+    maps = error_maps(problem, closed_loop, bool(uncertainty.latency))
+    navigation = _by_navigation(problem, uncertainty, closed_loop)
+    burn = burn_covariance(controls, problem, uncertainty)
     thruster = thruster_deviation(controls, uncertainty)
-    correction = np.zeros((*controls.shape, 3))
+    covariance, correction = _covariances(problem, maps, navigation, burn, thruster)
     if closed_loop:
-        corrected = navigation[:-1, 6:, 6:], to.control_to_burns
-        first = _covariance(*corrected, burn, thruster)
-        burn = burn_deviation(controls, problem, uncertainty, first)
-        correction = _covariance(*corrected, burn, thruster)
-    covariance = _covariance(navigation, _joint_to_burns(to), burn, thruster)
-    normals += 3 * problem.intervals + (8 if thruster.any() else 0)  # four of each craft
+        burn = burn_covariance(controls, problem, uncertainty, correction)
+        covariance, correction = _covariances(problem, maps, navigation, burn, thruster)
+    known = 1 + problem.intervals if closed_loop else 1  # states, or with feedback bias and noises
+    normals = 6 * known + 3 * problem.intervals + (8 if thruster.any() else 0)  # four of each craft
     return Dispersion(covariance, correction, normals)
 
 
-def _responses(problem: Problem, uncertainty: Uncertainty, closed_loop: bool) -> Responses:
-    if closed_loop:
-        return closed_loop_responses(problem, bool(uncertainty.latency))
-    return open_loop_responses(problem)
-
-
 @lru_cache(maxsize=32)
-def _navigation(
+def _by_navigation(
     problem: Problem, uncertainty: Uncertainty, closed_loop: bool
-) -> tuple[Float[Array, "T 9 9"], int]:
-    """Covariance of states and controls by errors of navigation, and the number of these."""
+) -> Float[Array, "T 9 9"]:
+    """Covariance of states and commanded controls by errors of navigation.
+
+    The estimate has them, a bias and noise; they are standard normal variables, six of each. The
+    first estimate is the planned state.
+    """
+    maps = error_maps(problem, closed_loop, bool(uncertainty.latency))
+    (A, _), memory = step_maps(problem), uncertainty.navigation_time
     noise, bias = navigation_roots(uncertainty, problem)
-    to = _responses(problem, uncertainty, closed_loop)
-    if closed_loop:
-        from scipy.linalg import block_diag  # slow to import, and only closed loops need it
-
-        known = block_diag(bias, np.kron(correlation_root(uncertainty, problem), noise))
-    else:
-        known = np.concatenate([noise, bias], axis=1)  # a root of the sum of both covariances
-    root = _with_controls(to.state_to_navigation, to.control_to_navigation) @ known
-    return root @ root.mT, len(known)
-
-
-def _with_controls(
-    states: Float[Array, "T 6 J"], controls: Float[Array, "intervals 3 J"]
-) -> Float[Array, "T 9 J"]:
-    """Responses of each node's state and of the control from there, none at the last node."""
-    joint = np.zeros((len(states), 9, states.shape[2]))
-    joint[:, :6], joint[:-1, 6:] = states, controls
-    return joint
+    known = np.concatenate([bias, noise], axis=1)
+    kept = np.repeat([1.0, np.exp(-problem.time_step / memory) if memory > 0 else 0.0], 6)
+    move, joint = np.zeros((problem.intervals, 24, 24)), np.zeros((problem.nodes, 9, 24))
+    move[:, :12, :12], move[:, 12:, 12:] = maps.move, np.diag(kept)
+    move[:, :12, 12:] = maps.enter @ (known * kept - A @ known)
+    joint[..., :12], joint[:, :6, 12:] = maps.joint, -known
+    new = np.concatenate([maps.enter @ known, np.eye(12)]) * np.sqrt(1 - kept**2)
+    added = np.broadcast_to(new @ new.T, move.shape)
+    return joint @ _propagated(np.diag(np.repeat([0.0, 1.0], 12)), move, added) @ joint.mT
 
 
-def _joint_to_burns(to: Responses) -> Float[Array, "T 9 m"]:
-    """Responses of states and controls to burns; a control has the error of its own burn too."""
-    controls = to.control_to_burns.copy()
-    own = np.arange(3 * len(controls)).reshape(-1, 3)
-    controls[np.arange(len(controls))[:, None], np.arange(3), own] += 1.0
-    return _with_controls(to.state_to_burns, controls)
+def _covariances(
+    problem: Problem,
+    maps: ErrorMaps,
+    navigation: Float[Array, "T 9 9"],
+    burn: Float[Array, "n K 3 3"],
+    thruster: Float[Array, "n K 3 4"],
+) -> tuple[Float[Array, "n T 9 9"], Float[Array, "n K 3 3"]]:
+    """Covariances of states and flown controls, and of what feedback adds to these, by all errors.
+
+    Burns have independent errors, of given covariances, and those by biases of thrusters.
+    """
+    push = maps.enter @ step_maps(problem)[1]
+    by_burns = _propagated(np.zeros((len(burn), 12, 12)), maps.move, push @ burn @ push.mT)
+    found = maps.joint @ by_burns @ maps.joint.mT + navigation
+    correction = found[:, :-1, 6:, 6:].copy()
+    found[:, :-1, 6:, 6:] += burn
+    if thruster.any():
+        x, pushed = np.zeros((*found.shape[:2], 12, 4)), push @ thruster
+        for k, move in enumerate(maps.move):
+            x[:, k + 1] = move @ x[:, k] + pushed[:, k]
+        biased = maps.joint @ x
+        correction += biased[:, :-1, 6:] @ biased[:, :-1, 6:].mT
+        biased[:, :-1, 6:] += thruster
+        found += biased @ biased.mT
+    return found, correction
+
+
+def _propagated(
+    begin: Float[Array, "*n d d"], move: Float[Array, "K d d"], added: Float[Array, "*n K d d"]
+) -> Float[Array, "*n T d d"]:
+    """Covariances at all nodes, from those at the first, that each interval maps and adds to."""
+    found = [begin]
+    for each, more in zip(move, np.moveaxis(added, -3, 0), strict=True):
+        found.append(each @ found[-1] @ each.T + more)
+    return np.stack(found, axis=-3)
 
 
 def navigation_roots(
@@ -214,56 +240,26 @@ def thruster_deviation(
     return found
 
 
-def _covariance(
-    navigation: Float[Array, "K s s"],
-    to_burns: Float[Array, "K s _"],
-    burn: Float[Array, "n intervals 3 3"],
-    thruster: Float[Array, "n intervals 3 4"],
-) -> Float[Array, "n K s s"]:
-    """Covariances by all errors at once: of navigation, of each burn and of thrusters.
-
-    That of a burn, Q, adds G Q Gᵀ, which for all craft and burns is one product with G ⊗ G.
-    """
-    (K, s, _), (n, m) = to_burns.shape, burn.shape[:2]
-    each, of_burn = to_burns.reshape(K, s, m, 3), (burn @ burn.mT).reshape(n, 9 * m)
-    found = np.empty((n, K, s, s))
-    for some in np.array_split(np.arange(K), 1 + K * s * s * 9 * m // AT_ONCE):
-        part = each[some]
-        products = part[:, :, None, :, :, None] * part[:, None, :, :, None, :]
-        by_burns = of_burn @ products.reshape(-1, 9 * m).T
-        found[:, some] = navigation[some] + by_burns.reshape(n, len(some), s, s)
-    if thruster.any():
-        biased = to_burns @ thruster.reshape(n, 1, 3 * m, 4)
-        found += biased @ biased.mT
-    return found
-
-
-def burn_deviation(
+def burn_covariance(
     controls: Controls,
     problem: Problem,
     uncertainty: Uncertainty,
     correction: Float[Array, "n intervals 3 3"] | None = None,
 ) -> Float[Array, "n intervals 3 3"]:
-    """The symmetric square root of each burn's covariance, by Gates's model, m/s².
+    """Covariance of each burn's error, by Gates's model, m²/s⁴.
 
-    ‖u‖ (σd I + (σm - σd) û ûᵀ): along the burn σm ‖u‖, about each axis across it σd ‖u‖. Where a
-    control has the covariance ``correction`` C itself, its error has σd² (tr C I - C) + σm² C more;
-    the larger of both fixed errors is taken along every axis.
+    σd² (‖u‖² I - u uᵀ) + σm² u uᵀ: along the burn (σm ‖u‖)², about each axis across it (σd ‖u‖)².
+    Where a control has the covariance ``correction`` C itself, u uᵀ + C takes the place of u uᵀ,
+    and its trace that of ‖u‖²; the larger of both fixed errors is taken along every axis.
     """
-    size = norm(controls)[..., None, None]
     along, across = uncertainty.magnitude, uncertainty.direction
-    unit = controls[..., :, None] * controls[..., None, :] / np.where(size > 0, size, 1.0)
-    root = across * size * np.eye(3) + (along - across) * unit
     fixed = max(uncertainty.magnitude_fixed, uncertainty.direction_fixed) / problem.time_step
-    if correction is None and fixed == 0:
-        return root
-    counts = size > NO_BURN if correction is None else True
-    covariance = root @ root + fixed**2 * np.eye(3) * counts
+    square = controls[..., :, None] * controls[..., None, :]
+    counts = norm(controls) > NO_BURN
     if correction is not None:
-        total = np.trace(correction, axis1=-2, axis2=-1)[..., None, None]
-        covariance += across**2 * total * np.eye(3) + (along**2 - across**2) * correction
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :] @ vectors.mT
+        square, counts = square + correction, np.ones_like(counts)
+    total = across**2 * np.trace(square, axis1=-2, axis2=-1) + fixed**2 * counts
+    return total[..., None, None] * np.eye(3) + (along**2 - across**2) * square
 
 
 def standard_deviation(rows: Float[Array, "k d"], covariance: Float[Array, "k d d"]) -> Values:

@@ -18,7 +18,6 @@ from pipeline.orbit.transfer import state_weight, step_maps, transfer_maps
 # Horizon, in orbits, within which a deviation is nulled. A shorter one takes more fuel (0.1: 3.5 %
 # of a plan's instead of 3.2 % in rings of ten, errors of 0.2 m and 1 %), a longer one no less.
 HORIZON = 0.15
-CORRECTED = 1e-100  # responses to errors below this are set to 0, SI
 
 
 @lru_cache(maxsize=32)
@@ -45,53 +44,28 @@ def last_control_map(problem: Problem) -> Float[Array, "3 6"]:
 
 
 @dataclass(frozen=True, eq=False)
-class Responses:
-    """Responses of a craft's states and commanded controls to errors of navigation and burns.
+class ErrorMaps:
+    """The motion of a craft's errors, as linear maps of x.
 
-    The J_s components of navigation errors are in open loop those of the initial state; with
-    feedback six of the bias, and then six at each node but the last.
+    x is the deviation as estimated at a node, and the one that feedback acts on, m and m/s.
     """
 
-    state_to_navigation: Float[Array, "T 6 J_s"]
-    state_to_burns: Float[Array, "T 6 m"]  # errors of controls, flattened by time, m = 3(T-1)
-    control_to_navigation: Float[Array, "intervals 3 J_s"]
-    control_to_burns: Float[Array, "intervals 3 m"]
+    move: Float[Array, "K 12 12"]  # of x over an interval
+    enter: Float[Array, "12 6"]  # to x from a new deviation at its node
+    joint: Float[Array, "T 9 12"]  # to the deviation and the commanded control, none at the last
 
 
 @lru_cache(maxsize=32)
-def open_loop_responses(problem: Problem) -> Responses:
-    """Responses without feedback: errors of the initial state and of burns drift on."""
-    maps, m = transfer_maps(problem), 3 * problem.intervals
-    still = np.zeros((problem.intervals, 3, 6)), np.zeros((problem.intervals, 3, m))
-    return Responses(maps.drift, maps.reach, *still)
+def error_maps(problem: Problem, closed_loop: bool, late: bool) -> ErrorMaps:
+    """Motion of errors with feedback, or without.
 
-
-@lru_cache(maxsize=32)
-@np.errstate(under="ignore")
-def closed_loop_responses(problem: Problem, late: bool = False) -> Responses:
-    """Responses to errors in closed loop: feedback acts on the estimated state at each node.
-
-    At the first node the estimate is the planned state. A ``late`` estimate is that of the node
-    before, propagated with the control commanded since.
+    A ``late`` estimate is that of the node before, propagated with the control commanded since.
     """
-    intervals, gains = problem.intervals, feedback_gains(problem)
-    known, count = 6 * (1 + intervals), 9 * intervals + 6
     A, B = step_maps(problem)
-    states, controls = np.zeros((intervals + 1, 6, count)), np.zeros((intervals, 3, count))
-    each = np.arange(6)
-    states[0, each, each] = states[0, each, 6 + each] = -1.0  # truth less the estimate
-    before = np.zeros((6, count))
-    for k in range(intervals):
-        estimate = states[k].copy()
-        estimate[each, each] += 1.0
-        estimate[each, 6 * (1 + k) + each] += 1.0
-        controls[k] = gains[k] @ (before if late else estimate)
-        before = A[k] @ estimate + B[k] @ controls[k]
-        pushed = controls[k].copy()
-        pushed[each[:3], known + 3 * k + each[:3]] += 1.0
-        states[k + 1] = A[k] @ states[k] + B[k] @ pushed
-    for some in (states, controls):
-        some[np.abs(some) < CORRECTED] = 0.0  # their squares would underflow
-    return Responses(
-        states[..., :known], states[..., known:], controls[..., :known], controls[..., known:]
-    )
+    joint = np.zeros((problem.nodes, 9, 12))
+    joint[:, :6, :6] = np.eye(6)
+    if closed_loop:
+        joint[:-1, 6:, 6:] = feedback_gains(problem)
+    commanded = np.concatenate([A, B @ joint[:-1, 6:, 6:]], axis=2)
+    enter = np.concatenate([np.eye(6), np.zeros((6, 6)) if late else np.eye(6)])
+    return ErrorMaps(np.concatenate([commanded, commanded], axis=1), enter, joint)

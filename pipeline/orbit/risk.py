@@ -188,8 +188,9 @@ def _feedback(controls: Controls, spread: Dispersion, most: float) -> tuple[floa
     """
     from scipy.special import ndtr  # slow to import, and only a risk needs it
 
-    sigma = np.sqrt(np.diagonal(spread.correction_covariance, axis1=2, axis2=3))
-    size, sigma = np.abs(controls[sigma > 0]), sigma[sigma > 0]
+    sigma = spread.correction_sigma
+    some = sigma > TINY
+    size, sigma = np.abs(controls[some]), sigma[some]
     beyond = float(ndtr((np.stack([size, -size]) - most) / sigma).sum())
     ratio = size / sigma
     density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)

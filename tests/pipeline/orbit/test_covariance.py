@@ -7,7 +7,7 @@ from trials import Errors, drawn
 
 from pipeline.orbit.covariance import (
     Uncertainty,
-    burn_deviation,
+    burn_covariance,
     dispersion,
     standard_deviation,
 )
@@ -39,12 +39,10 @@ def test_position_errors_in_free_space_are_those_by_hand():
 
 def test_a_burn_errs_in_size_along_it_and_in_direction_across_it():
     burn, problem = np.array([[[3.0, 0.0, 4.0]]]), Problem()
-    ((root,),) = burn_deviation(burn, problem, Uncertainty(magnitude=0.02, direction=0.03))
+    ((found,),) = burn_covariance(burn, problem, Uncertainty(magnitude=0.02, direction=0.03))
     axes = np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
-    assert axes @ root @ root.T @ axes.T == pytest.approx(
-        np.diag([0.1, 0.15, 0.15]) ** 2, abs=1e-12
-    )
-    assert (burn_deviation(np.zeros((1, 1, 3)), problem, Uncertainty(magnitude=0.02)) == 0).all()
+    assert axes @ found @ axes.T == pytest.approx(np.diag([0.1, 0.15, 0.15]) ** 2, abs=1e-12)
+    assert (burn_covariance(np.zeros((1, 1, 3)), problem, Uncertainty(magnitude=0.02)) == 0).all()
 
 
 def test_covariances_of_a_transfer_are_those_of_many_trials():

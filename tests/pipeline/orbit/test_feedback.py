@@ -147,6 +147,64 @@ def test_errors_of_every_kind_spread_a_flight_as_they_are_said_to(orbit, sizes):
         assert found / scale == pytest.approx(seen / scale, abs=0.08)
 
 
+def flown_with(problem, late, bias, noise, burns):
+    """Deviations and flown controls (T, 9), and corrections, of one flight with given errors."""
+    gains, intervals = feedback_gains(problem), problem.intervals
+    state, before, joint, corrections = -bias - noise[0], np.zeros(6), [], []
+    for k in range(intervals):
+        A, B = problem.dynamics.step(problem.time_step, k)
+        estimate = state + bias + noise[k]
+        correction = gains[k] @ (before if late else estimate)
+        joint.append([*state, *(correction + burns[k])])
+        corrections.append(correction)
+        before = A @ estimate + B @ correction
+        state = A @ state + B @ (correction + burns[k])
+    return np.array([*joint, [*state, 0, 0, 0]]), np.array(corrections)
+
+
+def summed(flights):
+    """Covariances of independent flights, each with an error of one standard deviation."""
+    joint, corrections = (np.stack(one, axis=-1) for one in zip(*flights, strict=True))
+    return joint @ joint.mT, corrections @ corrections.mT
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("orbit", [None, ReferenceOrbit(1.2e7, 0.4, 0.5)])
+def test_covariances_are_sums_over_flights_with_one_error_each(orbit, late):
+    problem, K = PROBLEM.about(orbit) if orbit else PROBLEM, 10
+    controls = 3e-4 * np.random.default_rng(6).normal(size=(1, K, 3))
+    errors = Uncertainty(**FIXED | BIASED, magnitude=0.02, direction=0.03, latency=float(late))
+    errors = replace(errors, navigation_time=400.0)
+    deviation = np.repeat([[0.3, 1e-4], [0.05, 5e-4]], 3, axis=1)
+    lag = np.abs(np.subtract.outer(np.arange(K), np.arange(K))) * problem.time_step / 400.0
+    memory = np.linalg.cholesky(np.exp(-lag))
+    none = np.zeros(6), np.zeros((K, 6)), np.zeros((K, 3))
+    flights = [(axis * deviation[0], *none[1:]) for axis in np.eye(6)]
+    for axis in np.eye(6):
+        flights += [(none[0], np.outer(m, axis * deviation[1]), none[2]) for m in memory.T]
+    flights += [(*none[:2], 0.05 * controls[0])]
+    flights += [(*none[:2], 0.03 * np.cross(axis, controls[0])) for axis in np.eye(3)]
+    corrections = np.zeros((K, 3, 3))
+    for _ in range(2):  # burns err by what is planned, and then by what corrections add to that
+        square = np.einsum("ki,kj->kij", controls[0], controls[0]) + corrections
+        size = np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        fixed = (2e-4 / problem.time_step) ** 2 * np.eye(3)
+        root = np.linalg.cholesky(0.02**2 * square + 0.03**2 * (size - square) + fixed)
+        burns = np.zeros((K, 3, K, 3))
+        burns[range(K), :, range(K)] = root.mT
+        each = flights + [(*none[:2], one) for one in burns.reshape(-1, K, 3)]
+        joint, corrections = summed([flown_with(problem, late, *one) for one in each])
+    spread = dispersion(controls, problem, errors, closed_loop=True)
+    for found, wanted in (
+        (spread.covariance[0], joint),
+        (spread.correction_covariance[0], corrections),
+    ):
+        sigma = np.sqrt(np.diagonal(wanted, axis1=1, axis2=2))
+        scale = np.where(sigma > 0, sigma, 1.0)
+        scale = scale[:, None] * scale[:, :, None]
+        assert found / scale == pytest.approx(wanted / scale, abs=1e-9)
+
+
 def test_without_errors_nothing_is_corrected():
     controls = np.full((2, 10, 3), 1e-3)
     spread = dispersion(controls, PROBLEM, Uncertainty(), closed_loop=True)
