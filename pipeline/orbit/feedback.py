@@ -6,7 +6,7 @@ of the control minimize ‖Δp‖² + ‖Δv/e‖² at the goal.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -26,11 +26,13 @@ def feedback_gains(problem: Problem) -> Float[Array, "intervals 3 6"]:
     intervals = problem.intervals
     period = 2 * np.pi / problem.mean_motion
     horizon = max(2, math.ceil(HORIZON * period / problem.time_step))
+    reach, weight = transfer_maps(problem).reach, state_weight(problem)
     gains = np.zeros((intervals, 3, 6))
     for node in range(intervals - 1):
-        left = min(horizon, intervals - node)
-        maps = transfer_maps(replace(problem.starting_at(node), nodes=left + 1))
-        gains[node] = -(maps.to_goal @ maps.drift[-1])[:3]
+        end = min(node + horizon, intervals)
+        pushed = weight[:, None] * reach[end, :, 3 * node : 3 * end]
+        drifted = weight[:, None] * problem.dynamics.drift(node, end)
+        gains[node] = -(np.linalg.pinv(pushed) @ drifted)[:3]
     A, _ = problem.dynamics.step(problem.time_step, intervals - 1)
     gains[-1] = -last_control_map(problem) @ A
     return gains
