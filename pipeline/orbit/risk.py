@@ -78,10 +78,6 @@ class _Stretches:
         free, pushed = maps[..., :6], maps[..., 6:]
         return np.matvec(free, self.state[which]) + np.matvec(pushed, self.control[which])
 
-    def covariance(self, which: Indices, one: Functionals, other: Functionals) -> Values:
-        """Covariance of two linear functionals of the errors."""
-        return np.vecdot(np.vecmat(one, self.errors[which]), other)
-
     def directions(self, which: Indices, share: Values) -> Vectors:
         """Directions of checks at shares of the interval: where collisions are likeliest."""
         maps = self.maps(which, share)[:, :3]
@@ -122,6 +118,9 @@ class _Panels(Rows):
     width: Float[Array, "q"]  # length, as a share of the interval
     first: Float[Array, "q 3"]  # direction of the check at its begin
     last: Float[Array, "q 3"]  # direction of the check at its end
+    chance: Float[Array, "q"]  # probability of failing its check
+    excess: Float[Array, "q"]  # the part of it that margins add
+    new: Bool[Array, "q"]  # whether neither is known yet
 
     def joined(self, stretches: _Stretches) -> Bool[Array, "q"]:
         """Whether each panel begins with the check at the end of the panel before."""
@@ -137,12 +136,13 @@ class _Panels(Rows):
         parts = np.repeat(np.arange(len(self)), 1 + split)
         second = np.append(False, parts[1:] == parts[:-1])
         first = np.append(second[1:], False)
-        found, whole = self[parts], split[parts]
-        width = np.where(whole, found.width / 2, found.width)
-        begin = found.begin + np.where(second, width, 0.0)
-        between = stretches.directions(found.stretch[second], begin[second])
+        found = self[parts]
+        found.new[:] = whole = split[parts]
+        found.width[whole] /= 2
+        found.begin[second] += found.width[second]
+        between = stretches.directions(found.stretch[second], found.begin[second])
         found.first[second] = found.last[first] = between
-        return _Panels(found.stretch, begin, width, found.first, found.last)
+        return found
 
 
 def collision_risk(
@@ -274,20 +274,35 @@ def _sums(stretches: _Stretches, some: Bool[Array, "s"], count: int) -> tuple[Va
     """Bound of each of ``count`` pairs, by some of the stretches, and the number of terms."""
     # Panels are halved whose margins may contribute more to the sum than their share of ACCURACY.
     which = np.flatnonzero(some)
-    begin, width = np.zeros(len(which)), np.ones(len(which))
-    ends = stretches.directions(which, begin), stretches.directions(which, width)
-    panels = _Panels(which, begin, width, *ends)
-    joined = panels.joined(stretches)
-    panels.first[joined] = np.roll(panels.last, 1, axis=0)[joined]
+    begin, width, chance, excess = np.repeat([[0.0], [1.0], [0.0], [0.0]], len(which), axis=1)
+    last = stretches.directions(which, width)
+    first, new = np.roll(last, 1, axis=0), np.ones(len(which), dtype=bool)
+    panels = _Panels(which, begin, width, first, last, chance, excess, new)
+    alone = ~panels.joined(stretches)
+    first[alone] = stretches.directions(which[alone], begin[alone])
     while True:
-        panels = panels[stretches.may_be_near(panels)]
-        chance, excess = _failure_probability(panels, stretches)
-        split = excess * len(panels) > ACCURACY * max(float(chance.sum()), FAR)
+        kept, changed = ~panels.new, _neighbourhood(panels.new)
+        kept[panels.new] = stretches.may_be_near(panels[panels.new])
+        panels, changed = panels[kept], changed[kept]
+        looked_at = np.flatnonzero(_neighbourhood(changed))
+        again = changed[looked_at]
+        chance, excess = _failure_probability(panels[looked_at], stretches)
+        panels.chance[changed], panels.excess[changed] = chance[again], excess[again]
+        split = panels.excess * len(panels) > ACCURACY * max(float(panels.chance.sum()), FAR)
         split &= (panels.width > SHORTEST) & (len(panels) < MOST_PANELS)
         if not split.any():
             pair = stretches.pair[panels.stretch]
-            return np.bincount(pair, chance, count).astype(float), len(chance)
+            return np.bincount(pair, panels.chance, count).astype(float), len(panels)
         panels = panels.halved(split, stretches)
+
+
+def _neighbourhood(of: Bool[Array, "q"]) -> Bool[Array, "q"]:
+    """Mask of some panels and two on each side, as far as what ``_failure_probability`` reaches."""
+    found = of.copy()
+    for steps in (1, 2):
+        found[steps:] |= of[:-steps]
+        found[:-steps] |= of[steps:]
+    return found
 
 
 def _failure_probability(
@@ -302,13 +317,14 @@ def _failure_probability(
     here, there = (stretches.maps(at, share)[:, :3] for share in ends)
     start, end = stretches.mean(at, here), stretches.mean(at, there)
 
-    def along(normal: Float[Array, "q 3"], maps: Float[Array, "q 3 9"]) -> Functionals:
-        parts = maps[..., :6], maps[..., 6:]
-        return np.concatenate([np.vecmat(normal, one) for one in parts], axis=-1)
+    errors = stretches.errors[at]
+
+    def covariance(one: Functionals, other: Functionals) -> Values:
+        return np.vecdot(np.vecmat(one, errors), other)
 
     turn = panels.last - panels.first
-    swing = along(turn, there - here)
-    erring = stretches.max_sigma * np.sqrt(np.maximum(stretches.covariance(at, swing, swing), 0.0))
+    swing = np.vecmat(turn, there - here)
+    erring = stretches.max_sigma * np.sqrt(np.maximum(covariance(swing, swing), 0.0))
     turned = np.vecdot(turn, end - start)
     turning = np.maximum(np.abs(turned) if stretches.two_sided else turned, 0.0) + erring
     margin = stretches.stray[at] * width**2 / 8 + turning / 4
@@ -317,9 +333,9 @@ def _failure_probability(
     # A check has the larger margin of the two panels beside it.
     margin_first = np.where(joined, np.maximum(margin, np.roll(margin, 1)), margin)
     margin_last = np.where(goes_on, np.maximum(margin, np.roll(margin, -1)), margin)
-    first, last = along(panels.first, here), along(panels.last, there)
+    first, last = np.vecmat(panels.first, here), np.vecmat(panels.last, there)
     step = last - first
-    variances = [np.maximum(stretches.covariance(at, one, one), 0.0) for one in (first, last, step)]
+    variances = [np.maximum(covariance(one, one), 0.0) for one in (first, last, step)]
     apart = np.vecdot(panels.first, start) - radius
     apart_last = np.vecdot(panels.last, end) - radius
     # Rounding lets the motion jump between two intervals; the check is half-way, with more margin.
@@ -328,7 +344,7 @@ def _failure_probability(
     apart, apart_last = apart - jump, apart_last - jump_last
     margin_first, margin_last = margin_first + np.abs(jump), margin_last + np.abs(jump_last)
     mean, mean_last = apart - margin_first, apart_last - margin_last
-    mixed = stretches.covariance(at, first, step)
+    mixed = covariance(first, step)
     chance = crossing_probability(mean, variances[0], mean_last - mean, mixed, variances[2])
     sigma, sigma_last = (np.maximum(np.sqrt(one), TINY) for one in variances[:2])
     begins = ndtr(-mean / sigma)
