@@ -13,8 +13,11 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.expert.conflicts import BackOff
 from pipeline.expert.nominal import nominal_plans
+from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
+from pipeline.orbit.arrays import Controls
 from pipeline.orbit.risk import CollisionRisk, collision_risk
+from pipeline.orbit.transfer import project_to_flyable
 from pipeline.plan.certificate import Risk
 from pipeline.plan.judge import Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Plan
@@ -53,8 +56,17 @@ def solve_many(
     a seed of another shape or with values that are not finite.
     """
     settings = settings or Settings()
-    plans = nominal_plans(scenarios, seeds, settings, requirements)
+    controls = None if seeds is None else [*map(_flyable, scenarios, seeds)]
+    plans = nominal_plans(scenarios, controls, settings, requirements)
     return [within_risk(plan, requirements, settings) for plan in plans]
+
+
+def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls | None:
+    """Controls of the trajectory nearest to a seed, m/s²."""
+    if seed is None:
+        return None
+    states = checked_seed(scenario, seed)
+    return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +142,7 @@ def _safer_candidates(
     for _ in range(TRIES):
         back_off = BackOff(uncertainty, sigmas, limit.closed_loop)
         scenario = _leaving_room(plan, back_off, risk_limit)
-        (found,) = nominal_plans([scenario], [plan.states], settings, requirements, back_off)
+        (found,) = nominal_plans([scenario], [plan.controls], settings, requirements, back_off)
         found = _within_limit(found, first.plan, requirements)
         candidate = _with_risk(found, back_off)
         yield candidate

@@ -6,19 +6,16 @@ from time import perf_counter
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
 from pipeline.expert.batch import Batch
 from pipeline.expert.clusters import cluster_labels
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.impulse_bit import without_small_burns
 from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.scp import Search, SearchProblem, Seeds
-from pipeline.expert.seeds import checked_seed
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
-from pipeline.orbit.arrays import Controls
 from pipeline.orbit.passive_safety import unavoidable_encounter
-from pipeline.orbit.transfer import fly, has_one_plan, project_to_flyable
+from pipeline.orbit.transfer import fly, has_one_plan
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.judge import Draft, certified_plans
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
@@ -28,15 +25,15 @@ from pipeline.scenario import Scenario
 
 def nominal_plans(
     scenarios: Sequence[Scenario],
-    seeds: Sequence[Float[Array, "_ T 6"] | None] | None,
+    seeds: Seeds | None,
     settings: Settings,
     requirements: Requirements,
     back_off: BackOff | None = None,
 ) -> list[Plan]:
     """The expert's plans for scenarios of one problem, flown without errors.
 
-    As in ``solve_many``, but without a limit on risk; ``back_off`` is kept beyond the collision
-    radius because of errors.
+    As in ``solve_many``, but without a limit on risk, and seeds are controls, m/s²; ``back_off`` is
+    kept beyond the collision radius because of errors.
     """
     batches = _batches(scenarios)
     if len(batches) != 1:
@@ -49,10 +46,9 @@ def nominal_plans(
     batch, requirements = Batch(scenarios), requirements.nominal
     task = SearchProblem(batch, settings, requirements, back_off)
     started = perf_counter()
-    controls = None if seeds is None else [*map(_flyable, scenarios, seeds)]
     _ = batch.optima  # computed here to be timed as a stage of its own
     searched = perf_counter()
-    results = _search(task, controls)
+    results = _search(task, seeds)
     done = perf_counter()
     stages = {"own_optima": searched - started, "search": done - searched, "plan": done - started}
     timing = {stage: seconds / len(scenarios) for stage, seconds in stages.items()}
@@ -86,16 +82,8 @@ def with_back_off(
 
     Where it finds none, a plan keeps the collision radius alone, or is not SOLVED.
     """
-    scenarios, seeds = [plan.scenario for plan in plans], [plan.states for plan in plans]
+    scenarios, seeds = [plan.scenario for plan in plans], [plan.controls for plan in plans]
     return nominal_plans(scenarios, seeds, Settings(), requirements, back_off)
-
-
-def _flyable(scenario: Scenario, seed: Float[Array, "_ T 6"] | None) -> Controls | None:
-    """Controls of the trajectory nearest to a seed, m/s²."""
-    if seed is None:
-        return None
-    states = checked_seed(scenario, seed)
-    return project_to_flyable(states, scenario.initial, scenario.goal, scenario.problem)
 
 
 def _explained(plan: Plan, result: SearchResult) -> Plan:

@@ -79,7 +79,7 @@ class Seeded(PlannerWrapper):
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, safe wherever the expert finds one."""
         seeds, asked = self.planner.plan(scenarios), self.requirements
-        plans = nominal_plans(scenarios, [seed.states for seed in seeds], self.settings, asked)
+        plans = nominal_plans(scenarios, [seed.controls for seed in seeds], self.settings, asked)
         for k, (seed, plan) in enumerate(zip(seeds, plans, strict=True)):
             stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}
             total = seed.timing["plan"] + plan.timing["plan"]
@@ -108,7 +108,7 @@ def _where_unsafe(
 ) -> list[Plan]:
     """The plans, replaced by the expert's where not proven safe, with the time of both."""
     left = [k for k, plan in enumerate(plans) if plan.status != SOLVED]
-    seeds = [plans[k].states for k in left] if seeded else None
+    seeds = [plans[k].controls for k in left] if seeded else None
     tried = nominal_plans([plans[k].scenario for k in left], seeds, settings, asked)
     for k, plan in zip(left, tried, strict=True):
         before = plans[k]
