@@ -16,10 +16,11 @@ from pipeline.orbit.arrays import Controls, CraftMask, Indices
 HOPS = 1  # edges of the conflict graph from an unsafe craft to the furthest one that moves
 MOST = 0.5  # largest share of a cluster's craft that is solved for alone
 JOINT = 100  # craft up to which clusters share a program: setting one up costs as much as solving
-# Craft of a cluster from which on a program starts from the basis of the last one, and may be
-# solved in parts. In smaller clusters that saves nothing, since programs are linearized anew, and
-# might lead to another of several optima.
-VAST = 1000
+VAST = 1000  # craft of a cluster from which on a program may be solved in parts
+# Controls of a cluster from which on a program starts from the basis of the last one. With fewer
+# that saves nothing, since programs are linearized anew, and might lead to another of several
+# optima.
+MANY = 3000
 
 Cluster = Int[Array, "_"]  # indices of the craft in a cluster
 
@@ -109,7 +110,7 @@ def with_others_fixed(
 
 
 class Bases:
-    """Simplex bases of large clusters, each that of the cluster's last program.
+    """Simplex bases of clusters of MANY controls, each that of the cluster's last program.
 
     At first they are those of decoupled optima. Clusters only merge, and bases of two clusters
     together are a basis of the merged program.
@@ -117,12 +118,12 @@ class Bases:
 
     def __init__(self, decoupled: Int[Array, "n 6"] | None, m: int) -> None:
         self._decoupled, self._m = decoupled, m
-        self._controls: Bool[Array, "n both"] | None = None  # once a cluster is large
+        self._controls: Bool[Array, "n both"] | None = None  # once a cluster has many
         self._slack, self._row = np.zeros((2, 0), dtype=bool)
 
     def last(self, craft: Int[Array, "_"], cuts: Int[Array, "_"]) -> Basis | None:
-        """The last basis of a cluster; None where it is not large, or none is known."""
-        if self._decoupled is None or len(craft) < VAST:
+        """The last basis of a cluster; None where it has few controls, or none is known."""
+        if self._decoupled is None or len(craft) * self._m < MANY:
             return None
         if self._controls is None:
             self._controls = Basis.of_decoupled(self._decoupled, self._m, 0).controls
@@ -132,8 +133,8 @@ class Bases:
         return Basis(self._controls[craft], self._slack[cuts], self._row[cuts])
 
     def keep(self, craft: Int[Array, "_"], cuts: Int[Array, "_"], found: Optimum) -> None:
-        """Keep the basis of a large cluster's optimum, or reset it where there is none."""
-        if self._decoupled is None or self._controls is None or len(craft) < VAST:
+        """Keep the basis of a cluster's optimum, or reset it where there is none."""
+        if self._decoupled is None or self._controls is None or len(craft) * self._m < MANY:
             return
         decoupled = self._decoupled[craft]
         basis = found.basis or Basis.of_decoupled(decoupled, self._m, len(cuts))

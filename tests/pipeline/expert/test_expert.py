@@ -87,7 +87,7 @@ def test_pairs_of_craft_that_stay_need_no_judgement(monkeypatch, large):
 def test_programs_that_begin_with_the_last_basis_lead_to_plans_as_good(monkeypatch):
     scenarios = [draw("rings", 9, 20, index, PROBLEM) for index in range(10)]
     usual = solve_many(scenarios)
-    monkeypatch.setattr("pipeline.expert.clusters.VAST", 2)
+    monkeypatch.setattr("pipeline.expert.clusters.MANY", 2)
     for plan, other in zip(solve_many(scenarios), usual, strict=True):
         assert plan.status == SOLVED
         assert closest_on_a_grid(plan, PROBLEM) > PROBLEM.collision_radius
@@ -96,7 +96,7 @@ def test_programs_that_begin_with_the_last_basis_lead_to_plans_as_good(monkeypat
 
 def test_the_optimum_is_that_of_the_last_basis_too(monkeypatch):
     """Each program of a search, begun with the last one's basis, against Clarabel's optimum."""
-    monkeypatch.setattr("pipeline.expert.clusters.VAST", 2)
+    monkeypatch.setattr("pipeline.expert.clusters.MANY", 2)
     begun = []
 
     def checked(sub):
