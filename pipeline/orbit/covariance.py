@@ -163,13 +163,15 @@ def _by_navigation(
     noise, bias = navigation_roots(uncertainty, problem)
     known = np.concatenate([bias, noise], axis=1)
     kept = np.repeat([1.0, np.exp(-problem.time_step / memory) if memory > 0 else 0.0], 6)
-    move, joint = np.zeros((problem.intervals, 24, 24)), np.zeros((problem.nodes, 9, 24))
-    move[:, :12, :12], move[:, 12:, 12:] = maps.move, np.diag(kept)
-    move[:, :12, 12:] = maps.enter @ (known * kept - A @ known)
-    joint[..., :12], joint[:, :6, 12:] = maps.joint, -known
+    d = len(maps.enter)
+    move = np.zeros((problem.intervals, d + 12, d + 12))
+    joint = np.zeros((problem.nodes, 9, d + 12))
+    move[:, :d, :d], move[:, d:, d:] = maps.move, np.diag(kept)
+    move[:, :d, d:] = maps.enter @ (known * kept - A @ known)
+    joint[..., :d], joint[:, :6, d:] = maps.joint, -known
     new = np.concatenate([maps.enter @ known, np.eye(12)]) * np.sqrt(1 - kept**2)
-    added = np.broadcast_to(new @ new.T, move.shape)
-    return joint @ _propagated(np.diag(np.repeat([0.0, 1.0], 12)), move, added) @ joint.mT
+    begin, added = np.diag(np.repeat([0.0, 1.0], (d, 12))), np.broadcast_to(new @ new.T, move.shape)
+    return joint @ _propagated(begin, move, added) @ joint.mT
 
 
 def _covariances(
@@ -184,12 +186,13 @@ def _covariances(
     Burns have independent errors, of given covariances, and those by biases of thrusters.
     """
     push = maps.enter @ step_maps(problem)[1]
-    by_burns = _propagated(np.zeros((len(burn), 12, 12)), maps.move, push @ burn @ push.mT)
+    n, d = len(burn), len(maps.enter)
+    by_burns = _propagated(np.zeros((n, d, d)), maps.move, push @ burn @ push.mT)
     found = maps.joint @ by_burns @ maps.joint.mT + navigation
     correction = found[:, :-1, 6:, 6:].copy()
     found[:, :-1, 6:, 6:] += burn
     if thruster.any():
-        x, pushed = np.zeros((*found.shape[:2], 12, 4)), push @ thruster
+        x, pushed = np.zeros((*found.shape[:2], d, 4)), push @ thruster
         for k, move in enumerate(maps.move):
             x[:, k + 1] = move @ x[:, k] + pushed[:, k]
         biased = maps.joint @ x
@@ -203,10 +206,11 @@ def _propagated(
     begin: Float[Array, "*n d d"], move: Float[Array, "K d d"], added: Float[Array, "*n K d d"]
 ) -> Float[Array, "*n T d d"]:
     """Covariances at all nodes, from those at the first, that each interval maps and adds to."""
-    found = [begin]
-    for each, more in zip(move, np.moveaxis(added, -3, 0), strict=True):
-        found.append(each @ found[-1] @ each.T + more)
-    return np.stack(found, axis=-3)
+    found = np.empty((len(move) + 1, *begin.shape))
+    found[0] = begin
+    for k, each in enumerate(move):
+        found[k + 1] = each @ found[k] @ each.T + added[..., k, :, :]
+    return np.moveaxis(found, 0, -3)
 
 
 def navigation_roots(

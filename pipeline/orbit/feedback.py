@@ -49,12 +49,13 @@ def last_control_map(problem: Problem) -> Float[Array, "3 6"]:
 class ErrorMaps:
     """The motion of a craft's errors, as linear maps of x.
 
-    x is the deviation as estimated at a node, and the one that feedback acts on, m and m/s.
+    x is the deviation as estimated at a node, m and m/s, on which feedback acts or, where it is
+    known late, with the one on which it acts.
     """
 
-    move: Float[Array, "K 12 12"]  # of x over an interval
-    enter: Float[Array, "12 6"]  # to x from a new deviation at its node
-    joint: Float[Array, "T 9 12"]  # to the deviation and the commanded control, none at the last
+    move: Float[Array, "K d d"]  # of x over an interval
+    enter: Float[Array, "d 6"]  # to x from a new deviation at its node
+    joint: Float[Array, "T 9 d"]  # to the deviation and the commanded control, none at the last
 
 
 @lru_cache(maxsize=32)
@@ -63,11 +64,13 @@ def error_maps(problem: Problem, closed_loop: bool, late: bool) -> ErrorMaps:
 
     A ``late`` estimate is that of the node before, propagated with the control commanded since.
     """
-    A, B = step_maps(problem)
-    joint = np.zeros((problem.nodes, 9, 12))
+    (A, B), acted_on = step_maps(problem), slice(6, 12) if late else slice(0, 6)
+    joint = np.zeros((problem.nodes, 9, acted_on.stop))
     joint[:, :6, :6] = np.eye(6)
     if closed_loop:
-        joint[:-1, 6:, 6:] = feedback_gains(problem)
-    commanded = np.concatenate([A, B @ joint[:-1, 6:, 6:]], axis=2)
-    enter = np.concatenate([np.eye(6), np.zeros((6, 6)) if late else np.eye(6)])
-    return ErrorMaps(np.concatenate([commanded, commanded], axis=1), enter, joint)
+        joint[:-1, 6:, acted_on] = feedback_gains(problem)
+    ahead = B @ joint[:-1, 6:]
+    ahead[..., :6] += A
+    if late:
+        return ErrorMaps(np.concatenate([ahead, ahead], axis=1), np.eye(12, 6), joint)
+    return ErrorMaps(ahead, np.eye(6), joint)
