@@ -41,6 +41,16 @@ def test_what_is_left_of_corrected_errors_may_underflow():
         assert np.all(flown.deviation_bound(problem) > 0)
 
 
+def test_errors_that_are_gone_have_standard_deviations():
+    """Two intervals after a burn its error is corrected but for rounding, which has either sign."""
+    problem, controls = replace(PROBLEM, nodes=61, time_step=600.0), np.zeros((1, 60, 3))
+    controls[0, 1, 0] = 0.01
+    with np.errstate(invalid="raise"):
+        flown = dispersion(controls, problem, Uncertainty(magnitude=0.02), closed_loop=True)
+        assert np.isfinite(flown.correction_sigma).all()
+        assert np.isfinite(flown.deviation_bound(problem)).all()
+
+
 def test_a_deviation_is_gone_after_two_intervals_where_these_are_left():
     problem = replace(PROBLEM, nodes=4)
     A, B = exact_step(problem.mean_motion, problem.time_step)
