@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, Int
+from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import (
     AnyState,
     Controls,
@@ -397,7 +397,9 @@ def _by_trees(
             if moved is not None:
                 touched = ((moved.take(one) | moved.take(other)) & (one != other)).nonzero()[0]
                 one, other = one.take(touched), other.take(touched)
-            distance = _chord_distances(line, one, other)
+            relative = line.take(one, 1)
+            relative -= line.take(other, 1)
+            distance = chord_distances(relative[:3], relative[3:])
             near = distance <= within.take(one) + sag.take(other)
             pairs.append((n * one + other)[near])
     found = np.sort(np.concatenate([*pairs, np.zeros(0, dtype=int)]))
@@ -405,16 +407,12 @@ def _by_trees(
     return i, j
 
 
-def _chord_distances(
-    line: Float[Array, "6 n"], one: Int[Array, "p"], other: Int[Array, "p"]
-) -> Float[Array, "p"]:
+def chord_distances(gap: Float[Array, "3 *some"], way: Float[Array, "3 *some"]) -> Scalar:
     """Least distance of pairs in uniform motion along their chords, m.
 
-    Coordinates are the first axis in the computation, which is several times faster.
+    From the middles and half-vectors of the relative chords. Coordinates are the first axis in the
+    computation, which is several times faster.
     """
-    relative = line.take(one, 1)
-    relative -= line.take(other, 1)
-    gap, way = relative[:3], relative[3:]
     length = np.square(way).sum(axis=0) + NO_LENGTH
-    gap += np.clip(-(gap * way).sum(axis=0) / length, -1.0, 1.0) * way
+    gap = gap + np.clip(-(gap * way).sum(axis=0) / length, -1.0, 1.0) * way
     return np.asarray(np.sqrt(np.square(gap).sum(axis=0)))
