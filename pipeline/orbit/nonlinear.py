@@ -6,6 +6,7 @@ iteration for all craft and times at once converges in a few steps (Bai and
 Junkins 2011, "Modified Chebyshev-Picard iteration methods for orbit propagation").
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -16,7 +17,7 @@ from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit import chebyshev
 from pipeline.orbit.arrays import Controls, Formation, PerCraft, States, norm
-from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
+from pipeline.orbit.chebyshev import ANGLE, COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_margin
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest
@@ -28,7 +29,7 @@ from pipeline.orbit.separation import Separation
 
 CONVERGED = 1e-9  # change of positions, m, at which iteration ends; relative where craft are far
 WINDOW = 2.0  # angle by which the reference turns in the arc that is iterated at once, rad
-AT_ONCE = 16  # intervals of a drift in which craft are compared at once, which bounds memory
+AT_ONCE = 64  # intervals of a drift in which craft are compared at once, which bounds memory
 NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is rounding
 
 
@@ -90,7 +91,8 @@ class NonlinearFlight:
         """The least separation at any time: of craft, or of participants, by their sizes."""
         arcs = self.arcs
         if swarms is not None:
-            arcs = _arcs_beside(self.initial, self.controls, _dynamics(self.problem), swarms)
+            begin = swarms.all_states(self.initial[:, None], slice(0, 1))[:, 0]
+            arcs = _arcs_beside(begin, self.controls, _dynamics(self.problem), swarms)
         return nearest(_pieces(arcs), 0.0, self.problem.duration, swarms).separation()
 
     def margin(self, faces: Faces) -> Nearest:
@@ -134,24 +136,58 @@ def least_after_loss_nonlinear(
     As ``least_after_loss`` in linear motion; the last interval of a drift is rounded up. Of a swarm
     with obstacles, or radii, it is the least separation of participants.
     """
-    n, last = len(states), problem.intervals
-    swarms = swarms or swarm_partition((n,))
-    h = problem.time_step
-    after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
-    dynamics = replace(_dynamics(problem), intervals=last + after)
-    ballistics, idle = dynamics.orbit.ballistics(n), np.zeros((n, after, 3))
-    others = _arcs_beside(states[:, 0], np.concatenate([controls, idle], axis=1), dynamics, swarms)
+    swarms = swarms or swarm_partition((len(states),))
     least = Separation()
-    for node in range(last + 1):
-        adrift = flown_arcs(dynamics, states[:, node], idle, ballistics, node)
-        for k in range(0, after, AT_ONCE):
-            end = min(k + AT_ONCE, after)
-            lost, met = _pieces(adrift[:, k:end]), _pieces(others[:, node + k : node + end])
-            begin, length = (node + k) * h, (end - k) * h
-            found = nearest(lost, begin, length, swarms, met).separation()
+    for node, lost, met, begin, h in _adrift(states, controls, problem, orbits, swarms):
+        for k in range(0, lost.shape[1], AT_ONCE):
+            parts = lost[:, k : k + AT_ONCE], met[:, k : k + AT_ONCE]
+            one, other = map(_pieces, parts)
+            length = parts[0].shape[1] * h
+            found = nearest(one, begin + k * h, length, swarms, other).separation()
             nearer = replace(found, node=node) if found.distance < least.distance else least
             least = replace(nearer, bound=min(found.bound, least.bound))
     return least
+
+
+def _adrift(
+    states: States, controls: Controls, problem: Problem, orbits: float, swarms: SwarmPartition
+) -> Iterator[tuple[int, Array, Array, float, float]]:
+    """Arcs of craft after loss of thrust at a node, and beside them of all participants.
+
+    With the node, and begin and length of the arcs' intervals, s: those of the plan to its end and
+    then blocks of them, as long as a piece may be. Also before, craft adrift are flown by blocks,
+    from the first on that begins no earlier than their node.
+    """
+    n, last, h = len(states), problem.intervals, problem.time_step
+    after = int(np.ceil(orbits * 2 * np.pi / problem.mean_motion / h - NO_LENGTH))
+    dynamics = _dynamics(problem)
+    orbit, ballistics = dynamics.orbit, dynamics.orbit.ballistics(n)
+    many = max(1, int(ANGLE / (orbit.fastest * h) - NO_LENGTH))
+    blocks, early = divmod(last, many)  # the last block of a plan ends with it
+    beyond, end, idle = ceil(after / many), last * h, np.zeros((n, last + after, 3))
+    longer = LinearizedDynamics(orbit.later(early * h), many * h, blocks + beyond)
+    # From points of a block, which is one piece, to those of its intervals
+    points = -1 + (2 * np.arange(min(many, last))[:, None] + 1 + NODES) / many
+    to_intervals = basis(points) @ COEFFICIENTS
+    begin = swarms.all_states(states[:, :1], slice(0, 1))[:, 0]
+    flown = _arcs_beside(begin, controls, dynamics, swarms)
+    drifting = _arcs_beside(flown[:, -1, -1, -1], idle[:, :beyond], longer, swarms, blocks)
+    for node in range(last + 1):
+        first = max(0, ceil((node - early) / many))
+        short = min(after, early + first * many - node)
+        lost = flown_arcs(dynamics, states[:, node], idle[:, :short], ballistics, node)
+        start, left = lost[:, -1, -1, -1] if short else states[:, node], after - short
+        far = flown_arcs(longer, start, idle[:, : ceil(left / many)], ballistics, first)
+        near, far = np.split(far, [blocks - first], axis=1)
+        near = (to_intervals @ near).reshape(n, -1, *lost.shape[2:])
+        lost = np.concatenate([lost, near], axis=1)[:, :after]
+        yield node, lost, flown[:, node : node + after], node * h, h
+        whole, rest = divmod(after - lost.shape[1], many)
+        yield node, far[:, :whole], drifting[:, :whole], end, many * h
+        if rest:  # the last block in part
+            cut = basis((1 + NODES) * rest / many - 1) @ COEFFICIENTS
+            met, begins = cut @ drifting[:, whole : whole + 1], end + whole * many * h
+            yield node, cut @ far[:, whole:], met, begins, rest * h
 
 
 def _dynamics(problem: Problem) -> LinearizedDynamics:
@@ -166,17 +202,21 @@ def _pieces(arcs: Float[Array, "n K M q 6"]) -> Float[Array, "1 n pieces q 6"]:
 
 
 def _arcs_beside(
-    initial: Formation, controls: Controls, dynamics: LinearizedDynamics, swarms: SwarmPartition
+    start: Float[Array, "participants 6"],
+    controls: Controls,
+    dynamics: LinearizedDynamics,
+    swarms: SwarmPartition,
+    first: int = 0,
 ) -> Float[Array, "participants K M q 6"]:
     """Arcs of craft and of obstacles, which have the mean ballistic coefficient or are held."""
-    n, start = len(initial), swarms.all_states(initial[:, None], slice(0, 1))[:, 0]
+    n = len(controls)
     pushed = np.zeros((len(start), *controls.shape[1:]))
     pushed[:n] = controls
     ballistics = np.full(len(start), dynamics.orbit.ballistic or 0.0)
     ballistics[:n] = dynamics.orbit.ballistics(n)
     begin = np.array(start)
     begin[swarms.held] = 0.0  # where they are held they might drift into the Earth
-    arcs = flown_arcs(dynamics, begin, pushed, ballistics)
+    arcs = flown_arcs(dynamics, begin, pushed, ballistics, first)
     arcs[swarms.held] = start[swarms.held, None, None, None]
     return arcs
 
