@@ -29,6 +29,9 @@ from pipeline.orbit.thrust import COMPONENTS, Limits
 OPTIMAL, IMPOSSIBLE = ("Solved", "AlmostSolved"), "PrimalInfeasible"
 FUEL_SHARE = 1e-4  # weight of total fuel beside the largest share, which makes optima unique
 TOLERANCE = 1e-9  # relative: what rounding leaves in a cone is far below the smallest burn
+# Craft and half-spaces of programs of which not all half-spaces are solved for at once, how many
+# are added at once, and by how much they must be violated, m
+FEW, MANY, WORST, VIOLATED = 4, 200, 40, 1e-7
 
 # Row, column and value of entries of A, and the values of b in these rows
 Parts = tuple[Int[Array, "_"], Int[Array, "_"], Float[Array, "_"]]
@@ -277,7 +280,29 @@ def _joined(*parts: Parts) -> Parts:
 
 
 def by_cones(sub: Subproblem) -> Optimum:
-    """Solve a subproblem as a cone program; UnsolvableError where no optimum is found."""
+    """Solve a subproblem as a cone program; UnsolvableError where no optimum is found.
+
+    Few of many half-spaces between few craft are tight. There, those that an optimum violates most
+    are added to its program until it violates none.
+    """
+    k, other = len(sub.required), sub.row if sub.other is None else sub.other
+    if k < MANY or len(sub.miss) > FEW:
+        return _by_cones(sub)
+    used = np.zeros(k, dtype=bool)
+    while True:
+        best = _by_cones(sub.with_half_spaces(used))
+        u, slack, dual = best.controls, *np.zeros((2, k))
+        short = sub.required - np.vecdot(sub.row, u[sub.first])
+        short += np.vecdot(other, u[sub.second])
+        worst = np.argsort(np.where(used, 0.0, -short), kind="stable")[:WORST]
+        worst = worst[~used[worst] & (short[worst] > VIOLATED)]
+        if len(worst) == 0:
+            slack[used], dual[used] = best.slack, best.dual
+            return Optimum(u, slack, dual)
+        used[worst] = True
+
+
+def _by_cones(sub: Subproblem) -> Optimum:
     program = ConicProgram(sub)
     status, x, z = program.solution(*OPTIMAL)
     if status not in OPTIMAL:

@@ -15,7 +15,7 @@ p, q ≥ 0, so that ‖u‖₁ is linear. Its variables are p and q of each craf
 its rows are the goals and the half-spaces. All are scaled to be of order one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -100,6 +100,17 @@ class Subproblem:
     def goal_scale(self) -> Float[Array, "r"]:
         """Factors that scale the rows of goals to order one."""
         return _goal_rows(self.reach.tobytes(), self.shape[1])[1] / self.unit
+
+    def with_half_spaces(self, which: Bool[Array, "k"]) -> "Subproblem":
+        """The subproblem with some of its half-spaces alone."""
+        return replace(
+            self,
+            first=self.first[which],
+            second=self.second[which],
+            row=self.row[which],
+            required=self.required[which],
+            other=None if self.other is None else self.other[which],
+        )
 
     def cost(self) -> Float[Array, "v"]:
         """Cost of each variable of the linear program."""

@@ -109,6 +109,28 @@ def test_and_so_where_the_second_craft_of_a_half_space_has_a_row_of_its_own(solv
     assert objective(sub, best) == pytest.approx(by_highs(sub), rel=1e-6)
 
 
+@pytest.mark.parametrize("solve", SOLVERS)
+@pytest.mark.parametrize("penalty", [0.1, 1e-5])
+def test_and_so_where_few_of_many_half_spaces_are_tight(solve, penalty):
+    """Hundreds between four craft, some of which their own optima violate by up to 3 m."""
+    sub, rng = subproblem(4, 1, penalty=penalty), np.random.default_rng(0)
+    first, k = rng.integers(3, size=400), rng.integers(1, 10, size=400)
+    second, normal = rng.integers(first + 1, 4), rng.normal(size=(400, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    row = np.vecmat(normal, transfer_maps(Problem()).reach[k, :3])
+    own = by_simplex(sub).controls
+    required = np.vecdot(row, own[first] - own[second]) + rng.uniform(-30.0, 3.0, size=400)
+    sub = replace(sub, first=first, second=second, row=row, required=required)
+    best = solve(sub)
+    reached = np.vecdot(row, best.controls[first] - best.controls[second]) + best.slack
+    assert (reached >= required - 1e-5).all()
+    assert 4 < (best.dual > 1e-6 * best.dual.max()).sum() < 60
+    assert best.slack.max() > 0.1
+    assert np.abs(best.controls).sum() > np.abs(own).sum() * 1.001
+    assert objective(sub, best) == pytest.approx(by_highs(sub), rel=1e-6)
+    assert best.dual == pytest.approx(by_simplex(sub).dual, abs=1e-4 * best.dual.max())
+
+
 def own_fuel(sub):
     """Without half-spaces."""
     free = replace(sub, required=np.full(len(sub.required), -1e6))
