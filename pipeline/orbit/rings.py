@@ -86,13 +86,13 @@ def ring_states(
 ) -> Formation:
     """LVLH states (m, m/s) at the first node of craft on a ring, as ``pro_states`` has it.
 
-    About an orbit with eccentricity or J2 they have the same relative elements: δe = a/2 at θ
-    behind the mean longitude, δi = a/2 tan(i), δλ the offset, and δa such that along-track
-    positions do not drift on average over revolutions. So the motion is bounded, and close to the
-    ring's shape where the orbit is close to a circle.
+    About an orbit of its own they have the same relative elements: δe = a/2 at θ behind the mean
+    longitude, δi = a/2 tan(i), δλ the offset, and δa such that along-track positions do not drift
+    on average over revolutions. So the motion is bounded, and close to the ring's shape where the
+    orbit is close to a circle.
     """
     orbit = problem.orbit
-    if orbit is None or (orbit.eccentricity == 0 and not orbit.j2):
+    if orbit is None:
         return pro_states(semi_major_axis, tilt, phase, cross_phase, problem.mean_motion, offset)
     origin, mean, frame = _reference(orbit)
     chief = PlanarElements.of(mean)
