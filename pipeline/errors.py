@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from math import isfinite
 from numbers import Integral, Real
 from reprlib import repr as brief
+from sys import float_info
 from typing import Any
 
 
@@ -17,7 +18,9 @@ class InputError(ProlearnError):
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a real number, of Python or numpy; booleans are not."""
+    """Whether a value is a real number, of Python or numpy, but no boolean, and fits a float."""
+    if isinstance(value, int) and abs(value) > float_info.max:
+        return False
     return isinstance(value, float | Real) and not isinstance(value, bool)
 
 
@@ -33,7 +36,7 @@ def check_range(name: str, value: float | int, least: float | int, most: float |
 def check_finite(name: str, value: float, unit: str) -> None:
     """Refuse what is no finite number by an InputError that names the quantity and its unit."""
     if not (is_number(value) and isfinite(value)):
-        raise InputError(f"{name} is {value!r}; expected a finite number of {unit}.")
+        raise InputError(f"{name} is {brief(value)}; expected a finite number of {unit}.")
 
 
 def is_whole(value: object) -> bool:

@@ -121,7 +121,6 @@ def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
         InputError: where the controls lead too far away.
     """
     check_kind("plan", plan, Plan)
-    check_kind("conditions", conditions, Conditions | None)
     return effects(plan.scenario, plan.controls, _conditions_about(plan.scenario, conditions))
 
 
@@ -192,6 +191,7 @@ def monte_carlo(
 
 def _conditions_about(scenario: Scenario, given: Conditions | None) -> Conditions:
     """The conditions given, or the usual ones; InputError beside an orbit of the scenario's own."""
+    check_kind("conditions", given, Conditions | None)
     if given is not None and scenario.problem.orbit is not None:
         raise InputError(
             "there are conditions and the scenario has an orbit of its own; expected one of them: "

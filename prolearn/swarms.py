@@ -193,7 +193,7 @@ def _listed(given: Any) -> Any:
     """A value that is not JSON: an array as lists and numbers, anything else as text."""
     if not hasattr(given, "tolist") and hasattr(given, "__array__"):  # such as a DataFrame
         given = np.asarray(given)
-    plain = getattr(given, "tolist", given.__repr__)()
+    plain = repr(given) if isinstance(given, type) else getattr(given, "tolist", given.__repr__)()
     if isinstance(plain, np.floating):  # a long double, which lists as itself
         return float(plain)
     return repr(plain) if isinstance(plain, np.generic) else plain

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import pi, radians, sqrt
+from reprlib import repr as brief
 
 from pipeline.errors import InputError, check_finite, check_range, is_number
 
@@ -74,7 +75,7 @@ def check_mean_motion(mean_motion: float) -> None:
     """Raise InputError for a mean motion, rad/s, of an orbit inside the Earth or its air."""
     most = mean_motion_at(LOWEST)
     if not is_number(mean_motion):
-        raise InputError(f"mean_motion is {mean_motion!r}; expected a number, in rad/s.")
+        raise InputError(f"mean_motion is {brief(mean_motion)}; expected a number, in rad/s.")
     if not mean_motion > most:
         return
     hint, slow = "", mean_motion_at(GEOSTATIONARY)

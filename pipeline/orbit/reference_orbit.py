@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Array, Float, fields_as_python
-from pipeline.errors import InputError, check_finite, check_kind, check_range
+from pipeline.errors import InputError, check_finite, check_range
 from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, PerCraft, Scalar, Values, Vector, norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
@@ -71,7 +71,7 @@ class ReferenceOrbit:
     def __post_init__(self) -> None:
         fields_as_python(self)
         check_elements(self)
-        check_kind("semi_major_axis", self.semi_major_axis, float | int)
+        check_finite("semi_major_axis", self.semi_major_axis, "metres")
         perigee = self.semi_major_axis * (1 - self.eccentricity) - R_EARTH
         if not LOWEST <= perigee <= HIGHEST:
             raise InputError(

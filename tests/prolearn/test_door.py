@@ -36,6 +36,7 @@ def plan():
     return prolearn.plan(swap())
 
 
+HUGE = 10**400  # no float
 AXES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
 BOX = prolearn.Box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 NAN = float("nan")
@@ -131,7 +132,15 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
             lambda: prolearn.ReferenceOrbit(7e6, ballistic="x"),
             "ballistic is 'x'; expected a finite",
         ),
-        (lambda: prolearn.ReferenceOrbit(None), "semi_major_axis is None; expected float or int"),
+        (lambda: prolearn.ReferenceOrbit(None), "semi_major_axis is None; expected a finite"),
+        (lambda: prolearn.Problem(mean_motion=HUGE), "mean_motion is 1000.*000; expected a number"),
+        (lambda: prolearn.ReferenceOrbit(HUGE), "semi_major_axis is 1000.*000; expected a finite"),
+        (lambda: prolearn.Conditions(ballistic=HUGE), "ballistic is 1000.*000; expected a finite"),
+        (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), HUGE), "half_angle_deg of a cone is 1000"),
+        (lambda: prolearn.Obstacle("o", (0,) * 6, HUGE), "expected 3 finite numbers"),
+        (lambda: replace(swap(), goal=[[HUGE] * 6] * 6), "goal is no array of numbers"),
+        (lambda: prolearn.Requirements(passive_safety=HUGE), "asked for over 1000.* orbits"),
+        (lambda: prolearn.scenario([OUTER], int), "goal"),
         (lambda: prolearn.draw(["rings"], 0, 4, 0, prolearn.Problem()), "family is .'rings'.; exp"),
         (
             lambda: prolearn.draw(np.array(["rings"]), 0, 4, 0, prolearn.Problem()),
@@ -405,6 +414,9 @@ def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
         (lambda p: prolearn.plan(p.scenario, passive_safety="1"), "asked for over '1' orbits"),
         (lambda p: prolearn.plan(p.scenario, world="yes"), "world is 'yes'; expected Conditions"),
         (lambda p: prolearn.fly(p, 1), "conditions is 1; expected Conditions or None"),
+        (lambda p: prolearn.monte_carlo(p, 1, conditions="x"), "conditions is 'x'; expected Cond"),
+        (lambda p: prolearn.monte_carlo(p, 1, conditions=[]), "conditions is ..; expected Condit"),
+        (lambda p: prolearn.tradeoff(p.scenario, HUGE, 1e4), "duration is 10.* s; expected"),
         (lambda p: swap(craft=None), "craft is None; expected a list of Spacecraft"),
         (lambda p: swap(craft=[{}] * 6), "craft is .*; expected a list of Spacecraft"),
         (lambda p: swap(obstacles=[1]), "obstacles is .1.; expected a list of Obstacle"),

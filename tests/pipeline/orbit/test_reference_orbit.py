@@ -26,7 +26,7 @@ LEO = R_EARTH + 500e3
         ({"spread": 0.5}, "spread is 0.5 without ballistic, of which it is a share; expected both"),
         ({"start": -1.0}, "start is -1; expected a number from 0 to "),
         ({"start": np.inf}, "start is inf; expected a number from 0 to "),
-        ({"semi_major_axis": np.nan}, "a perigee nan m above the Earth; expected one from 100000"),
+        ({"semi_major_axis": np.nan}, "semi_major_axis is nan; expected a finite number of metres"),
         ({"eccentricity": 0.07}, "semi_major_axis is 6.87814e\\+06 m and eccentricity 0.07, a"),
         ({"semi_major_axis": 1e11}, "expected one from 100000 to 1.5e\\+09 m."),
         ({"ballistic": 0.0}, "ballistic is 0; expected a positive C_D A/m in m²/kg, such as 0.01"),
