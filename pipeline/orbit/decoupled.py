@@ -28,6 +28,7 @@ ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a pri
 # Points of a hull of more than four dimensions, such as about an oblate Earth, where all motion is
 # coupled: facets grow with their cube. These many have 70,000, found in 0.7 s
 MOST_POINTS = 240
+DEPENDENT = 1e-15  # share of the largest singular value of R up to which one counts as 0
 SHORT = 1e-6  # share of a change of state that a transfer may miss it by, for rounding
 MISSED = np.repeat([1e-6, 1e-9], 3)  # error at the goal that is allowed in any case, m and m/s
 
@@ -162,6 +163,8 @@ def _facets(
 ) -> Facets:
     """The hull of some components; points are the effects of the used controls, of either sign."""
     corner = corner[np.linalg.cond(points[corner]) < FLAT]
+    if len(corner) == 0:
+        raise ValueError("all facets are degenerate")
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
     dual = inverse.sum(axis=2)  # solves corners · y = 1
     reached = dual @ points[: len(used)].T  # to those of the other sign it is as much
@@ -205,7 +208,8 @@ def minimum_limits_at_nodes(
     scale = np.tile(acceleration_scale(problem), rows // 6)
     reach = reach * scale[:, None] * burns.repeat(3, axis=1)[:, None]
     miss = miss * scale
-    controls = np.matvec(np.linalg.pinv(reach), miss)
+    basis, along = _orthonormal_rows(reach, miss)
+    controls = np.vecmat(along, basis)
     left, enough = np.abs(miss - np.matvec(reach, controls)), np.abs(controls).max(axis=1)
     least = np.tile(MISSED, rows // 6) * scale
     short = np.maximum(SHORT * np.abs(miss).max(axis=1, keepdims=True), least)
@@ -215,17 +219,17 @@ def minimum_limits_at_nodes(
     if len(moving) == 0:
         return limits
     low, thrust = -1.0, problem.thrust
+    (n, rank, _), wanted = basis.shape, (along[moving] / enough[moving, None])[..., None]
     if not isinstance(thrust.model, str):
-        low, n = 0.0, len(reach)
-        reach = (reach.reshape(n, rows, -1, 3) @ np.array(thrust.model).T).reshape(n, rows, -1)
-    wanted = (miss[moving] / enough[moving, None])[..., None]
-    n, m = len(moving), reach.shape[2]
-    blocks = (block_diag([csr_array(one) for one in parts]) for parts in (reach[moving], -wanted))
+        low = 0.0
+        basis = (basis.reshape(n, rank, -1, 3) @ np.array(thrust.model).T).reshape(n, rank, -1)
+    n, m = len(moving), basis.shape[2]
+    blocks = (block_diag([csr_array(one) for one in parts]) for parts in (basis[moving], -wanted))
     balance: Any = hstack(list(blocks), format="csr")
     found = linprog(
         np.repeat([0.0, -1.0], [n * m, n]),
         A_eq=balance,
-        b_eq=np.zeros(rows * n),
+        b_eq=np.zeros(rank * n),
         bounds=[(low, 1.0)] * (n * m) + [(0.0, np.inf)] * n,
         method="highs",
     )
@@ -234,6 +238,19 @@ def minimum_limits_at_nodes(
     with np.errstate(divide="ignore"):
         limits[moving] = enough[moving] / found.x[n * m :]
     return limits
+
+
+def _orthonormal_rows(
+    reach: Float[Array, "n r m"], miss: Float[Array, "n r"]
+) -> tuple[Float[Array, "n k m"], Float[Array, "n k"]]:
+    """Orthonormal rows V and b such that V u = b where R u is the change wanted, or comes nearest.
+
+    Over whole periods rows of R nearly depend on each other, by less than a solver's tolerance.
+    """
+    left, size, basis = np.linalg.svd(reach, full_matrices=False)
+    used = size > DEPENDENT * size[:, :1]
+    along = np.divide(np.vecmat(miss, left), size, out=np.zeros_like(size), where=used)
+    return basis * used[..., None], along
 
 
 def craft_fuel_bound(

@@ -112,6 +112,13 @@ def test_where_a_state_is_out_of_reach_there_is_no_table():
     assert minimum_fuel_by_table(np.ones((1, 6)), stuck) is None
 
 
+def test_where_all_facets_are_flat_there_is_no_table():
+    day = 2 * np.pi / (mean_motion := 7.29e-5)
+    nearly = Problem(mean_motion=mean_motion, time_step=day / 2 + 1e-7, nodes=3)
+    assert facets_of(nearly) is None
+    assert minimum_fuel_by_table(np.ones((1, 6)), nearly) is None
+
+
 def test_a_table_is_made_once():
     problem = replace(Problem(), time_step=77.0)
     assert facets_of(problem) is facets_of(replace(problem))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from judge import exact_step
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from pipeline.expert import decoupled_optima
 from pipeline.orbit.decoupled import minimum_limits
@@ -138,6 +139,22 @@ def test_a_craft_that_stays_on_its_orbit_needs_no_thrust():
     start = pro_states(200.0, 0.3, np.array([0.1]), 0.0, E)
     end = pro_states(200.0, 0.3, np.array([0.1 + E * problem.duration]), 0.0, E)
     assert minimum_limits(start, end, problem) == pytest.approx(0, abs=1e-15)
+
+
+def test_near_whole_periods_the_least_limit_is_that_of_the_only_control():
+    """Two intervals leave no choice; with whole periods rows depend on each other within 1e-11."""
+    drawn = draw("rings", 0, 3, 0, Problem())
+    for off, close in ((0.1, 1e-4), (1.0, 1e-6)):
+        problem = Problem(time_step=ORBIT + off, nodes=3)
+        block = np.block([[A, np.eye(6, 3, -3)], [np.zeros((3, 9))]])
+        step = expm(block * problem.time_step)
+        drift, push = step[:6, :6], step[:6, 6:]
+        change = drawn.goal.T - drift @ drift @ drawn.initial.T
+        only = np.linalg.solve(np.hstack([drift @ push, push]), change)
+        found = minimum_limits(drawn.initial, drawn.goal, problem)
+        assert found == pytest.approx(np.abs(only).max(axis=0), rel=close)
+    problem = Problem(time_step=ORBIT + 0.01, nodes=4)
+    assert (minimum_limits(drawn.initial, drawn.goal, problem) > 1e4).all()
 
 
 def test_a_time_grid_on_which_no_thrust_arrives_is_said_to_be_one():
