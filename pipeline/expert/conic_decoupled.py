@@ -13,12 +13,11 @@ from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
 from pipeline.orbit.thrust_cost import conjugate_bound, cost, dual_norm, support_bound, thrusts
 from pipeline.orbit.transfer import transfer_maps
-from pipeline.scenario.state_constraints import StateConstraints
+from pipeline.scenario.state_constraints import NO_EFFECT, StateConstraints
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs may use, so that rounding stays within
 BURN = 1e-5  # share of a craft's largest control below which a cone program's control is rounding
 NOISE = 1e-3  # least value of a craft's largest control there, as a share of all craft's largest
-NO_EFFECT = 1e-14  # share of the largest effect of controls below which an effect is rounding
 MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 

@@ -8,11 +8,13 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.orbit.arrays import Formation, States
-from pipeline.orbit.decoupled import acceleration_scale
+from pipeline.orbit.decoupled import MISSED, acceleration_scale
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import state_weight, transfer_maps
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import Waypoint, of_craft
+
+NO_EFFECT = 1e-14  # share of the largest effect of a control below which one is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +82,17 @@ def state_constraints(
                 targets[craft, row, 3:], constrained[craft, row, 3:] = waypoint.velocity, True
     miss = np.where(constrained, targets - np.matvec(maps.drift[nodes], initial[:, None]), 0.0)
     times = len(nodes)
+    reach = maps.reach[nodes].reshape(6 * times, -1)
+    scale = np.tile(acceleration_scale(problem), times)
+    effect = np.abs(reach).max(axis=1) * scale
+    # What no control changes, such as vz in intervals of half an orbit, and is right asks nothing.
+    idle = (effect < NO_EFFECT * effect.max()).reshape(-1, 6) & (np.abs(miss) <= MISSED)
     return StateConstraints(
-        reach=maps.reach[nodes].reshape(6 * times, -1),
-        miss=miss.reshape(n, -1),
+        reach=reach,
+        miss=np.where(idle, 0.0, miss).reshape(n, -1),
         targets=targets.reshape(n, -1),
         nodes=tuple(nodes),
-        constrained=constrained.reshape(n, -1),
+        constrained=(constrained & ~idle).reshape(n, -1),
         weight=np.tile(state_weight(problem), times),
-        scale=np.tile(acceleration_scale(problem), times),
+        scale=scale,
     )

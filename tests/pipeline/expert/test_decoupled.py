@@ -12,6 +12,7 @@ from pipeline.expert.decoupled import minimum_fuel
 from pipeline.orbit.decoupled import facets_of, minimum_fuel_by_table
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.scenario import draw
 
@@ -149,3 +150,19 @@ def test_where_a_state_is_out_of_reach_there_are_no_programs_either():
     period = 2 * pi / Problem().mean_motion
     assert minimum_fuel(np.ones((1, 6)), Problem(time_step=period / 2, nodes=3)) is None
     assert minimum_fuel(np.ones((1, 6)), Problem(nodes=3).about(OBLATE)) is not None
+
+
+def test_rounding_of_what_no_control_changes_costs_no_fuel():
+    """Burns of half an orbit change z by 2 (u₂ - u₁) / e², at |Δz| e²/2; others are fixed."""
+    e = Problem().mean_motion
+    problem, phase = Problem(time_step=pi / e, nodes=3), np.array([0.0, pi])
+    initial = pro_states(150.0, 0.35, phase, 0.0, e)
+    goal = pro_states(250.0, 0.0, phase + 0.9, 0.0, e)
+    A, B = exact_step(e, pi / e)
+    plane = np.ix_([0, 1, 3, 4], [0, 1, 3, 4])
+    change = (goal - initial @ (A @ A).T)[:, [0, 1, 3, 4]]
+    burns = np.linalg.solve(np.hstack([A @ B, B])[plane], change.T)
+    fuel = np.abs(burns).sum(axis=0) + np.abs(initial[:, 2]) * e**2 / 2
+    found = decoupled_optima(initial, goal, problem)
+    assert found.lower_bound == pytest.approx(fuel, rel=1e-6)
+    assert np.abs(found.controls).sum(axis=(1, 2)) == pytest.approx(fuel, rel=1e-6)
