@@ -15,7 +15,7 @@ from pipeline.orbit.arrays import Formation, PerCraft
 from pipeline.orbit.corridors import STEEPEST, Box, Cone, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
-from pipeline.orbit.reference import is_epoch
+from pipeline.orbit.reference import YEARS, is_epoch
 from pipeline.orbit.reference_orbit import MOST_ECCENTRIC, ReferenceOrbit
 from pipeline.orbit.rings import ring_states
 from pipeline.scenario.scenario import MOST_CRAFT
@@ -56,7 +56,10 @@ def utc(given: Any) -> datetime:
     except (TypeError, ValueError):
         epoch = None
     if epoch is None or not is_epoch(epoch):
-        raise ValueError("give date, time and zone by ISO 8601, such as 2026-03-01T12:00:00Z")
+        raise ValueError(
+            "give date, time and zone by ISO 8601, such as 2026-03-01T12:00:00Z, of a year after "
+            f"{YEARS[0]} and before {YEARS[1]}"
+        )
     return epoch.astimezone(UTC)
 
 

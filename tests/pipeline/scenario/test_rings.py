@@ -111,6 +111,10 @@ RING = {"craft": 2, "size": 100}
         ({"reference": {"epoch": "2026-03-01"}}, "reference.epoch is '2026-03-01': give date"),
         ({"reference": {"epoch": "2026-03-01T12:00:00"}}, "reference.epoch is"),
         ({"reference": {"epoch": 5}}, "reference.epoch is 5"),
+        *(
+            ({"reference": {"epoch": f"{day}T19:28:34Z"}}, "of a year after 1960 and before 2200")
+            for day in ("1957-10-04", "9999-12-31")
+        ),
         ({"reference": {"epoch": "9999-12-31T23:00:00-02:00"}}, "reference.epoch is"),
         ({"reference": {}}, "reference.epoch is missing; reference.inclination_deg is missing"),
         ({"nodes": 2, "time_step": 0}, "nodes is 2: "),
