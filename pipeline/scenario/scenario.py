@@ -89,9 +89,10 @@ class Scenario:
         check_craft(self.craft, self.n, self.problem.thrust)
         check_waypoints(self.waypoints, self.n, self.problem)
         check_obstacles(self.obstacles, self.problem)
-        for one in self.obstacles:
-            state = np.array([one.state])
-            _check_reach(f"obstacle {one.name!r}", state, self.problem.mean_motion)
+        places = [(f"waypoints[{k}]", one.state) for k, one in enumerate(self.waypoints)]
+        places += [(f"obstacle {one.name!r}", np.array(one.state)) for one in self.obstacles]
+        for name, state in places:
+            _check_reach(name, state[None], self.problem.mean_motion)
         check_corridors(self.corridors, self.n, self.problem)
         if self.unlike and self.n > MOST_UNLIKE:
             raise InputError(

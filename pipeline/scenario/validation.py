@@ -256,8 +256,8 @@ def _waypoint_separation(scenario: Scenario) -> Iterator[Diagnostic]:
 def _linear_model(scenario: Scenario) -> Diagnostic:
     """Whether the linear model is off by less than the collision radius."""
     problem = scenario.problem
-    ends = np.concatenate([scenario.initial, scenario.goal])
-    found = model_error(ends, problem.dynamics, problem.duration)
+    places = [scenario.initial, scenario.goal, *(one.state for one in scenario.waypoints)]
+    found = model_error(np.vstack(places), problem.dynamics, problem.duration)
     earth = "about an oblate Earth" if problem.orbit is None else "outside the linear model"
     off = f"{earth} craft end some {found.total:.2g} m off their goals"
     if found.total <= problem.collision_radius:

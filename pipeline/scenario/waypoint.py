@@ -42,6 +42,11 @@ class Waypoint:
         if self.time is not None:
             check_range("time of a waypoint", self.time, 0.0, LATEST)
 
+    @property
+    def state(self) -> Values:
+        """Position and velocity, 0 where any will do; LVLH, m and m/s."""
+        return np.array([*self.position, *(self.velocity or (0.0, 0.0, 0.0))])
+
     def node(self, problem: Problem) -> int | None:
         """The node of its time, or None."""
         return None if self.time is None else round(self.time / problem.time_step)

@@ -9,11 +9,13 @@ from judge import exact_step
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima
 from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario, diagnostics, draw
+from pipeline.scenario.waypoint import Waypoint
 
 E = Problem().mean_motion
 ORBIT = 2 * np.pi / E
@@ -139,6 +141,20 @@ def test_a_craft_that_stays_on_its_orbit_needs_no_thrust():
     start = pro_states(200.0, 0.3, np.array([0.1]), 0.0, E)
     end = pro_states(200.0, 0.3, np.array([0.1 + E * problem.duration]), 0.0, E)
     assert minimum_limits(start, end, problem) == pytest.approx(0, abs=1e-15)
+
+
+def test_a_waypoint_far_away_counts_for_the_linear_model():
+    drawn = draw("rings", 0, 2, 0, Problem())
+    far = replace(drawn, waypoints=[Waypoint(1, (0.0, -3e4, 4e4))])
+    (case,) = wrong(far)[("transfer", "linear model")]
+    assert case.numbers["reach"] == pytest.approx(5e4)
+
+
+@pytest.mark.parametrize("place", [((0.0, 0.0, 7e5), None), ((0.0, 9.0, 0.0), (0.0, 0.0, 1e7))])
+def test_a_waypoint_where_the_linear_model_has_no_meaning_is_refused(place):
+    drawn = draw("rings", 0, 2, 0, Problem())
+    with pytest.raises(InputError, match=r"waypoints\[0\] reaches .* 10% of the reference orbit's"):
+        replace(drawn, waypoints=[Waypoint(1, *place)])
 
 
 def test_near_whole_periods_the_least_limit_is_that_of_the_only_control():
