@@ -1,6 +1,6 @@
 """scenario.json (schema prolearn.scenario/1): reading, validation of fields, and writing."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -158,16 +158,25 @@ class ScenarioDocument(
             name=name,
             reference=where,
             ends=self.ends,
-            craft=tuple(Spacecraft(**one.model_dump()) for one in self.craft),
+            craft=_each("craft", self.craft, lambda one: Spacecraft(**one.model_dump())),
             waypoints=tuple(way for one in self.waypoints for way in one.waypoints(problem)),
             obstacles=tuple(one.obstacle() for one in self.obstacles),
-            corridors=tuple(one.corridor() for one in self.corridors),
+            corridors=_each("corridors", self.corridors, CorridorDocument.corridor),
         )
 
     def scenario_of(self, path: Path) -> Scenario:
         """The scenario, whose InputErrors name the file."""
         with error_context(path):
             return self.scenario(stem_of(path))
+
+
+def _each(name: str, documents: Sequence[Any], made: Callable[[Any], Any]) -> tuple[Any, ...]:
+    """What is made of each entry of a field; InputErrors have its path."""
+    found = []
+    for k, one in enumerate(documents):
+        with error_context(f"{name}[{k}]"):
+            found.append(made(one))
+    return tuple(found)
 
 
 def read_scenario(path: Path | str) -> Scenario:

@@ -90,6 +90,9 @@ def test_rings_about_an_orbit_are_bounded_at_both_ends(tmp_path):
 
 
 RING = {"craft": 2, "size": 100}
+TALL, FLAT = (
+    {"from": 0, "to": 9, "box": {"min": [0, 0, 0], "max": [1, 1, height]}} for height in (1, 0)
+)
 
 
 @pytest.mark.parametrize(
@@ -117,6 +120,9 @@ RING = {"craft": 2, "size": 100}
         ),
         ({"reference": {"epoch": "9999-12-31T23:00:00-02:00"}}, "reference.epoch is"),
         ({"reference": {}}, "reference.epoch is missing; reference.inclination_deg is missing"),
+        ({"craft": [{}, {"no_burn": [[9, 5]]}]}, "craft[1]: no_burn has 9 to 5 s"),
+        ({"craft": [{}, {"radius": 1e-9}]}, "craft[1]: radius is 1e-09; expected"),
+        ({"corridors": [TALL, FLAT]}, "corridors[1]: a box has min (0.0, 0.0, 0.0)"),
         ({"nodes": 2, "time_step": 0}, "nodes is 2: "),
         ({"nodes": 2, "time_step": 0}, "time_step is 0: "),
     ],
