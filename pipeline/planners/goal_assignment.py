@@ -13,7 +13,7 @@ from itertools import count, islice
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
 from pipeline.expert.batch import Batch
 from pipeline.expert.decoupled import (
@@ -100,6 +100,17 @@ def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
         optima = Batch([scenario.taking(slots.tolist())]).optima
         fuel[craft, slots] = np.where(optima.impossible, np.inf, optima.lower_bound)
     return fuel
+
+
+def _inside_corridors(scenario: Scenario) -> Bool[Array, "n n"]:
+    """Whether each craft is inside its corridors at both ends if it takes each goal."""
+    craft = np.arange(scenario.n)
+    inside = np.ones((scenario.n, scenario.n), dtype=bool)
+    for shift in craft if scenario.corridors else ():
+        slots = (craft + shift) % scenario.n
+        for _, k, _, _ in scenario.taking(slots.tolist()).outside():
+            inside[k, slots[k]] = False
+    return inside
 
 
 def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
@@ -241,7 +252,8 @@ class _Candidates:
         # The assignment of least cost, or None where it is proven that none can be flown.
         self.cheapest = next(ranked(costs.fuel), None)
         # Costs, and the assignment of least, without goals that are proven to be of no use.
-        self.allowed, self.first = costs.fuel, self.cheapest
+        self.allowed = np.where(_inside_corridors(scenario), costs.fuel, np.inf)
+        self.first = next(ranked(self.allowed), None)
         self.tried: dict[Slots, Plan] = {}
 
     @cached_property
@@ -293,8 +305,10 @@ class _Candidates:
             message = PROVEN.format(f"some craft cannot reach its own{way} within {limits}")
             return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
-            unsafe = "a craft adrift comes within collision_radius of another after the plan"
-            plan = replace(plan, message=PROVEN.format(unsafe))
+            wrong = "a craft adrift comes within collision_radius of another after the plan"
+            if self.scenario.unlike:
+                wrong = f"some craft is outside of a corridor at an end; as given, {plan.message}"
+            plan = replace(plan, message=PROVEN.format(wrong))
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)

@@ -9,6 +9,7 @@ from judge import Case, judge_plan, least_fuel
 from judged import document
 
 from pipeline.expert import solve
+from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE
@@ -174,3 +175,34 @@ def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
     (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([Scenario(Problem(), initial, goal)])
     assert plan.status == INFEASIBLE
     assert "whichever goals they take, a craft adrift" in plan.message
+
+
+def in_a_row(*corridors):
+    """Six craft at rest in a row, and a goal 30 m ahead of each."""
+    row = np.zeros((6, 6))
+    row[:, 1] = np.arange(0.0, 600.0, 100.0)
+    return Scenario(Problem(), row, row + 30 * np.eye(6)[1], corridors=corridors)
+
+
+def behind(y, begin):
+    """A corridor of craft 0, from y on along-track, up to the last node."""
+    box = Box((-1e3, y, -1e3), (1e3, 1e3, 1e3))
+    return Corridor(box, begin, Problem().duration, (0,))
+
+
+def test_a_goal_outside_a_corridor_is_not_taken_however_cheap_it_is():
+    """Hundreds of assignments cost less than those that send craft 0 to the last place."""
+    last = behind(500.0, Problem().duration)
+    scenario = in_a_row(last)
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    assert plan.status == SOLVED and plan.assignment.slots[0] == 5
+    for free in ((5, 0, 1, 2, 3, 4), (5, 1, 2, 3, 4, 0)):
+        fuel = solve(replace(scenario, corridors=()).taking(free)).certificate.fuel_lower_bound
+        assert plan.certificate.fuel <= fuel * 1.01
+
+
+@pytest.mark.parametrize("corridor", [behind(700.0, Problem().duration), behind(100.0, 0.0)])
+def test_where_an_end_is_outside_a_corridor_for_every_order_there_is_proven_to_be_no_plan(corridor):
+    (plan,) = GoalAssignment(Expert()).plan([in_a_row(corridor)])
+    assert plan.status == INFEASIBLE
+    assert "whichever goals they take, some craft is outside of a corridor" in plan.message
