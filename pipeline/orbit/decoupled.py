@@ -268,16 +268,16 @@ def craft_fuel_bound(
     """
     from scipy.optimize import linprog  # slow to import, and only a check of a scenario needs it
 
-    thrust, rows = problem.thrust, len(miss)
-    scale = np.tile(acceleration_scale(problem), rows // 6)
+    thrust, scale = problem.thrust, np.tile(acceleration_scale(problem), len(miss) // 6)
     directions = _outer_directions() if thrust.directions is None else thrust.directions
-    reach = reach.reshape(rows, -1, 3)[:, burns] @ directions.T
-    wanted = miss * scale
+    allowed = reach * scale[:, None] * burns.repeat(3)
+    (basis,), (wanted,) = _orthonormal_rows(allowed[None], (miss * scale)[None])
+    columns = basis.reshape(len(basis), -1, 3)[:, burns] @ directions.T
+    columns = columns.reshape(len(basis), -1)
     unit = float(np.abs(wanted).max())
     if unit == 0:
         return 0.0
     pointed_or_free = thrust.directions is None or np.isinf(most)
-    columns = scale[:, None] * reach.reshape(rows, -1)
     found = linprog(
         np.ones(columns.shape[1]),
         A_eq=columns,

@@ -15,6 +15,7 @@ from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.scenario import Scenario, diagnostics, draw
+from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
 
 E = Problem().mean_motion
@@ -157,7 +158,7 @@ def test_a_waypoint_where_the_linear_model_has_no_meaning_is_refused(place):
         replace(drawn, waypoints=[Waypoint(1, *place)])
 
 
-def test_near_whole_periods_the_least_limit_is_that_of_the_only_control():
+def test_near_whole_periods_least_limit_and_delta_v_are_those_of_the_only_control():
     """Two intervals leave no choice; with whole periods rows depend on each other within 1e-11."""
     drawn = draw("rings", 0, 3, 0, Problem())
     for off, close in ((0.1, 1e-4), (1.0, 1e-6)):
@@ -169,6 +170,12 @@ def test_near_whole_periods_the_least_limit_is_that_of_the_only_control():
         only = np.linalg.solve(np.hstack([drift @ push, push]), change)
         found = minimum_limits(drawn.initial, drawn.goal, problem)
         assert found == pytest.approx(np.abs(only).max(axis=0), rel=close)
+        budget = replace(drawn, problem=problem, craft=[Spacecraft(delta_v=1.0)] * 3)
+        cases = wrong(budget)[("transfer", "within reach")]
+        needed = np.abs(only).sum(axis=0) * problem.time_step
+        for case in cases:
+            assert case.numbers["least_delta_v"] == pytest.approx(needed[case.craft[0]], rel=close)
+        assert len(cases) == 3
     problem = Problem(time_step=ORBIT + 0.01, nodes=4)
     assert (minimum_limits(drawn.initial, drawn.goal, problem) > 1e4).all()
 
