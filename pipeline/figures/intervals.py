@@ -41,7 +41,9 @@ def wilson(share: float, trials: int | float) -> ConfidenceInterval:
     middle = (share + more / 2) / (1 + more)
     deviation = np.sqrt(share * (1 - share) / trials + more / (4 * trials))
     half = float(NORMAL_QUANTILE / (1 + more) * deviation)
-    return max(0.0, middle - half), min(1.0, middle + half)
+    # At the ends the sums are 0 and 1 but for rounding.
+    low, high = max(0.0, middle - half), min(1.0, middle + half)
+    return low if share > 0 else 0.0, high if share < 1 else 1.0
 
 
 def clustered_interval(shares: Float[Array, "k"], each: int) -> ConfidenceInterval:

@@ -14,7 +14,6 @@ from pipeline.orbit.covariance import (
     MAX_ERRORS,
     NO_BURN,
     Uncertainty,
-    correlation_root,
     navigation_roots,
 )
 from pipeline.orbit.problem import Problem
@@ -196,9 +195,11 @@ def navigation_errors(
 ) -> Float[Array, "K intervals n 6"]:
     """Estimated states at nodes minus true ones, m and m/s: bias, and correlated noise."""
     noise, bias = navigation_roots(errors, problem)
-    mixed = drawn.noise
+    mixed, nodes = drawn.noise, np.arange(problem.intervals)
     if errors.navigation_time > 0:
-        mixed = np.einsum("kl,Klnj->Kknj", correlation_root(errors, problem), mixed)
+        lag = np.abs(nodes[:, None] - nodes) * problem.time_step
+        root = np.linalg.cholesky(np.exp(-lag / errors.navigation_time))
+        mixed = np.einsum("kl,Klnj->Kknj", root, mixed)
     return np.matvec(bias, drawn.bias)[:, None] + np.matvec(noise, mixed)
 
 

@@ -225,15 +225,6 @@ def navigation_roots(
     return noise, bias
 
 
-def correlation_root(uncertainty: Uncertainty, problem: Problem) -> Float[Array, "m m"]:
-    """Square root of the correlation matrix of navigation errors at all nodes but the last."""
-    nodes = np.arange(problem.intervals)
-    if uncertainty.navigation_time == 0:
-        return np.eye(len(nodes))
-    lag = np.abs(nodes[:, None] - nodes) * problem.time_step
-    return np.linalg.cholesky(np.exp(-lag / uncertainty.navigation_time))
-
-
 def thruster_deviation(
     controls: Controls, uncertainty: Uncertainty
 ) -> Float[Array, "n intervals 3 4"]:

@@ -19,6 +19,12 @@ def test_of_whole_numbers_wilson_s_interval_is_scipy_s(count, trials):
     )
 
 
+def test_what_never_or_always_happened_has_an_interval_with_that_end():
+    for trials in range(1, 300):  # of which rounding left 3e-18 for some
+        assert wilson(0.0, trials)[0] == 0.0
+        assert wilson(1.0, trials)[1] == 1.0
+
+
 def test_flights_that_all_do_the_same_are_worth_one_a_scenario():
     shares = np.repeat([1.0, 0.0], [6, 34])
     assert clustered_interval(shares, 25) == pytest.approx(scipy_wilson(6, 40))
