@@ -91,9 +91,11 @@ def within_risk(plan: Plan, requirements: Requirements, settings: Settings | Non
     the ends of the plan given have many times the limit, no other is sought.
     """
     limit = requirements.risk
-    if limit is None or plan.status == INFEASIBLE:
+    if limit is None:
         return plan
     refuse_risk([plan.scenario], closed_loop=limit.closed_loop)
+    if plan.status == INFEASIBLE:
+        return plan
     started, settings = perf_counter(), settings or Settings()
     problem = plan.scenario.problem
     back_off = BackOff(limit.uncertainty(problem), 0.0, limit.closed_loop)

@@ -200,6 +200,15 @@ def test_what_corrections_do_not_know_is_refused():
         solve(pointed, requirements=closed(1e-3))
 
 
+def test_and_so_where_no_plan_is_possible():
+    """As of craft that may not burn at all; not called infeasible, or unsolved as flown."""
+    idle = replace(PROBLEM, thrust=Thrust(no_burn=((0.0, PROBLEM.duration),)))
+    scenario = draw("rings", 0, 3, 0, idle)
+    assert solve(scenario).status == INFEASIBLE
+    with pytest.raises(InputError, match="leave closed_loop out"):
+        solve(scenario, requirements=closed(1e-3))
+
+
 @pytest.mark.parametrize(("index", "end"), [(15, "start"), (74, "goal")])
 def test_ends_whose_errors_of_navigation_alone_are_too_risky_are_said_to_be(index, end):
     """Whatever is planned: at the start by the distribution itself, at the goal in trials.
