@@ -338,7 +338,7 @@ def _quality(rows: pd.DataFrame) -> Mapping[str, Any]:
 
 
 def _gaps(plans: pd.DataFrame) -> dict[float, str]:
-    """Quantiles of the optimality gap of plans, as text."""
+    """Quantiles of the plans' optimality gap, in per cent, as text."""
     found = plans["optimality_gap"].quantile(list(QUANTILES))
     return {q: _number(100 * gap, "{:.3f} %") for q, gap in zip(QUANTILES, found, strict=True)}
 

@@ -29,9 +29,9 @@ from pipeline.orbit.thrust import COMPONENTS, Limits
 OPTIMAL, IMPOSSIBLE = ("Solved", "AlmostSolved"), "PrimalInfeasible"
 FUEL_SHARE = 1e-4  # weight of total fuel beside the largest share, which makes optima unique
 TOLERANCE = 1e-9  # relative: what rounding leaves in a cone is far below the smallest burn
-# Craft and half-spaces of programs of which not all half-spaces are solved for at once, how many
-# are added at once, and by how much they must be violated, m
-FEW, MANY, WORST, VIOLATED = 4, 200, 40, 1e-7
+FEW, MANY = 4, 200  # craft at most, and half-spaces at least, of a program that is solved by cuts
+WORST = 40  # half-spaces that a round of cuts adds at most
+VIOLATED = 1e-7  # violation, m, from which a half-space is added
 
 # Row, column and value of entries of A, and the values of b in these rows
 Parts = tuple[Int[Array, "_"], Int[Array, "_"], Float[Array, "_"]]
@@ -158,7 +158,7 @@ class ConicProgram:
         return _joined(spent, shares, largest), np.concatenate([left[some], np.zeros(n)])
 
     def least_burns(self) -> Block:
-        """Rows that keep burns of pointed thrusters as large as the smallest impulse bit."""
+        """Rows that keep burns of a pointed thruster at or above the minimum impulse bit."""
         sub, V, bit = self.sub, len(self.price), self.sub.thrust.min_delta_v
         value = np.zeros((1, len(self.slots[0]), V))
         if self.limits.least is not None:
@@ -282,8 +282,8 @@ def _joined(*parts: Parts) -> Parts:
 def by_cones(sub: Subproblem) -> Optimum:
     """Solve a subproblem as a cone program; UnsolvableError where no optimum is found.
 
-    Few of many half-spaces between few craft are tight. There, those that an optimum violates most
-    are added to its program until it violates none.
+    Few of many half-spaces between few craft are tight. There, by a cutting-plane method, those
+    that an optimum violates most are added to its program until it violates none.
     """
     k, other = len(sub.required), sub.row if sub.other is None else sub.other
     if k < MANY or len(sub.miss) > FEW:
@@ -303,6 +303,7 @@ def by_cones(sub: Subproblem) -> Optimum:
 
 
 def _by_cones(sub: Subproblem) -> Optimum:
+    """As ``by_cones``, with all half-spaces at once."""
     program = ConicProgram(sub)
     status, x, z = program.solution(*OPTIMAL)
     if status not in OPTIMAL:

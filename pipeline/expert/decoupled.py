@@ -120,7 +120,7 @@ def minimum_fuel(miss: Formation, problem: Problem) -> MinimumFuelTransfers | No
 
 @lru_cache(maxsize=32)
 def _first_basis(problem: Problem) -> Int[Array, "6"] | None:
-    """A dual feasible basis of every craft's linear program, or None."""
+    """A basis that is dual feasible for the linear program of every craft, or None."""
     columns = independent_columns(problem)
     if columns is None:
         return None

@@ -1,4 +1,4 @@
-"""The smallest impulse bit: plans with burns below it are searched again, without them or larger.
+"""Minimum impulse bit: plans with smaller burns are searched again, with these left out or raised.
 
 For thrusters with fixed directions mixed-integer programs make each thrust zero or large enough.
 For a pointed one plans are made in turn, each without the smaller half of the burns that were too
@@ -119,7 +119,7 @@ def without_smaller_half(controls: Controls, limits: Limits, problem: Problem) -
 
 
 def with_raised_burns(controls: Controls, limits: Limits, problem: Problem) -> Limits:
-    """Limits by which burns that are or were too small are large enough, or zero if negligible."""
+    """Limits that raise burns which are or were too small, and exclude negligible ones."""
     assert problem.thrust.min_delta_v is not None
     small, size = too_small(controls, limits, problem), norm(controls)[..., None]
     if limits.least is not None:
@@ -131,7 +131,7 @@ def with_raised_burns(controls: Controls, limits: Limits, problem: Problem) -> L
 
 
 def _unless_small(found: SearchResult, batch: Batch) -> SearchResult:
-    """The result; not feasible, with the reason, where a burn is too small."""
+    """The result, marked as not feasible where a burn is still too small."""
     assert batch.limits is not None
     if found.obstacle or not too_small(found.controls, batch.limits, batch.problem).any():
         return found

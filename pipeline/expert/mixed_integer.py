@@ -32,7 +32,7 @@ _FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionL
 
 
 class _IntegerProgram(ConicProgram):
-    """The program with planes for cones; binary variables of all thrusts follow its own."""
+    """The program without cones; binary variables of all thrusts follow its own."""
 
     def rows(self) -> tuple[sparse.csr_array, Values]:
         """Rows and b: equalities, inequalities, and thrusts that are zero or at least a bit."""
@@ -70,7 +70,7 @@ class _IntegerProgram(ConicProgram):
         return np.asarray(np.maximum(1.0, needed) * (m / 3))
 
     def not_together(self, thrusts: Int[Array, "_"]) -> BoundedRow:
-        """The row by which some thrusts are not all nonzero."""
+        """The row that excludes some thrusts from being nonzero all at once."""
         return self.variables + thrusts, np.ones(len(thrusts)), len(thrusts) - 1.0
 
     def opposite(self) -> list[BoundedRow]:
@@ -83,7 +83,7 @@ class _IntegerProgram(ConicProgram):
         return list(map(self.not_together, each))
 
     def beyond_norm(self, control: Float[Array, "S 3"]) -> list[BoundedRow]:
-        """Rows, in all intervals, against scaled controls that exceed the limit on their norm."""
+        """Cutting planes, in all intervals, for scaled controls beyond the limit on their norm."""
         craft, V, size = self.slots[0], len(self.price), norm(control)
         limit = self.limits.norm[craft] / self.sub.unit
         return [
@@ -93,7 +93,7 @@ class _IntegerProgram(ConicProgram):
         ]
 
     def best(self, added: list[BoundedRow]) -> Float[Array, "v"]:
-        """The best variables by the rows of the program and those added."""
+        """Optimal variables of the mixed-integer program with additional rows."""
         (rows, upper), N = self.rows(), self.thrusts
         width = rows.shape[1]
         more = sparse.lil_array((len(added), width))

@@ -7,7 +7,6 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import (
-    AnyState,
     Controls,
     CraftMask,
     Indices,
@@ -306,7 +305,8 @@ def _candidates(
         i, j = (np.concatenate(both) for both in zip(*found, strict=True))
         return i, j, each.repeat([len(first) for first, _ in found])
     i, j = compared
-    middle, radius = balls(states[:, :-1], states[:, 1:, :3], controls, dynamics, h, each)
+    sag = dynamics.acceleration_bound(states[:, :-1], controls, h, each) * h**2 / 8
+    middle, radius = chord_balls(states[:, :-1, :3], states[:, 1:, :3], sag)
     own = radius[: len(reach)] + reach[:, None]  # the first of a pair is a craft
     near = swarms.separations(middle, middle, i, j) <= own.take(i, 0) + radius.take(j, 0)
     k, pair = np.divmod(near.T.ravel().nonzero()[0], len(i))
@@ -331,15 +331,11 @@ def _compared_pairs(swarms: SwarmPartition, moved: CraftMask | None) -> Pairs | 
     return np.divmod(np.sort(n * np.minimum(one, other) + np.maximum(one, other)), n)
 
 
-def balls(
-    start: AnyState, end: Vector, control: Vector, dynamics: Dynamics, h: float, interval: Indices
-) -> tuple[Vector, Scalar]:
-    """Centre and radius of a ball that each craft stays in over the first h s of an interval, m.
+def chord_balls(begin: Vector, end: Vector, sag: Scalar) -> tuple[Vector, Scalar]:
+    """Centre and radius of a ball about the chord of a motion that strays up to ``sag`` from it, m.
 
-    From states at its start and positions h s later: |p - chord| ≤ h²/8 max|p̈|.
+    For h s of constant control |p - chord| ≤ h²/8 max|p̈|.
     """
-    begin = start[..., :3]
-    sag = dynamics.acceleration_bound(start, control, h, interval) * h**2 / 8
     return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 

@@ -104,7 +104,7 @@ class Dispersion:
         return np.sqrt(np.maximum(variance, 0.0))  # of 0, rounding may be below it
 
     def of_pairs(self, first: Indices, second: Indices, node: Indices) -> Float[Array, "k 9 9"]:
-        """Covariance of the difference of two craft: state at a node, and control from there."""
+        """Covariance of two craft's relative state at a node and relative control from there on."""
         return self.covariance[first, node] + self.covariance[second, node]
 
     def acceleration_bound(self, problem: Problem) -> Float[Array, "n intervals"]:
@@ -153,10 +153,10 @@ def dispersion(
 def _by_navigation(
     problem: Problem, uncertainty: Uncertainty, closed_loop: bool
 ) -> Float[Array, "T 9 9"]:
-    """Covariance of states and commanded controls by errors of navigation.
+    """Covariance of states and commanded controls due to navigation errors.
 
-    The estimate has them, a bias and noise; they are standard normal variables, six of each. The
-    first estimate is the planned state.
+    Estimates have a bias and noise, which are linear in standard normal variables, six of each.
+    The first estimate is the planned state.
     """
     maps = error_maps(problem, closed_loop, bool(uncertainty.latency))
     (A, _), memory = step_maps(problem), uncertainty.navigation_time
@@ -181,7 +181,7 @@ def _covariances(
     burn: Float[Array, "n K 3 3"],
     thruster: Float[Array, "n K 3 4"],
 ) -> tuple[Float[Array, "n T 9 9"], Float[Array, "n K 3 3"]]:
-    """Covariances of states and flown controls, and of what feedback adds to these, by all errors.
+    """Covariances of states and flown controls, and of feedback corrections, due to all errors.
 
     Burns have independent errors, of given covariances, and those by biases of thrusters.
     """
@@ -205,7 +205,7 @@ def _covariances(
 def _propagated(
     begin: Float[Array, "*n d d"], move: Float[Array, "K d d"], added: Float[Array, "*n K d d"]
 ) -> Float[Array, "*n T d d"]:
-    """Covariances at all nodes, from those at the first, that each interval maps and adds to."""
+    """Covariances at all nodes: P[k+1] = M P[k] Mᵀ + Q, from the first node's on."""
     found = np.empty((len(move) + 1, *begin.shape))
     found[0] = begin
     for k, each in enumerate(move):

@@ -243,7 +243,7 @@ def minimum_limits_at_nodes(
 def _orthonormal_rows(
     reach: Float[Array, "n r m"], miss: Float[Array, "n r"]
 ) -> tuple[Float[Array, "n k m"], Float[Array, "n k"]]:
-    """Orthonormal rows V and b such that V u = b where R u is the change wanted, or comes nearest.
+    """Orthonormal basis V of the row space of R, and b of the least-squares solutions V u = b.
 
     Over whole periods rows of R nearly depend on each other, by less than a solver's tolerance.
     """

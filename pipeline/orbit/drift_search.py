@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.orbit.approaches import chord_distances
+from pipeline.orbit.approaches import chord_balls, chord_distances
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
@@ -82,16 +82,17 @@ class DriftingPaths:
 def _drifts(
     dynamics: Dynamics, last: int, steps: int
 ) -> tuple[Float[Array, "_ 6 6"], Float[Array, "nodes 6 6"]]:
-    """A from the first node to each of so many time steps, and from each node back to the first."""
+    """State transition matrices from the first node to time steps, and from nodes back to it."""
     drift = dynamics.drift
     return drift(0, np.arange(steps + 1)), drift(np.arange(last + 1), 0)
 
 
 class BlockSearch:
-    """Search for drifting craft, nodes, other craft and intervals that may be within a distance.
+    """Broad phase of the search for close approaches after a loss of thrust.
 
-    Over a block of time steps both craft stay near their chords, by which most blocks are left out
-    at once. The others are cut into parts, down to single steps.
+    It finds drifting craft, nodes, other craft and intervals that may be within a distance. Over a
+    block of time steps both craft stay near their chords, by which most blocks are left out at
+    once. The others are cut into parts, down to single steps.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class BlockSearch:
         self.sag = most * h**2 / 8
 
     def candidates(self) -> Iterator[tuple[Array, ...]]:
-        """Indices of craft, node, other craft and interval, by node, pair and interval."""
+        """Drifting craft, node, other craft and interval of pairs that may be near, in batches."""
         widths = [self.paths.width]
         while widths[-1] > 1:
             widths.append(widths[-1] // PARTS)
@@ -140,7 +141,7 @@ class BlockSearch:
         parts: Sequence[Int[Array, "_"]],
         bends: Float[Array, "n blocks"],
     ) -> Iterator[Near]:
-        """The widest blocks in which balls about the craft are near, for parts of the pairs."""
+        """The widest blocks in which bounding balls of two craft are near, by parts of pairs."""
         paths, width = self.paths, self.paths.width
         length = width * paths.problem.time_step
         ends = nodes[:, None] // width * width + width * np.arange(paths.blocks + 1)
@@ -149,8 +150,8 @@ class BlockSearch:
         start = adrift[:, :, :-1]
         idle = np.zeros_like(start[..., :3])
         most = paths.coarse.acceleration_bound(start, idle, length, block)
-        centre, size = _chord_balls(adrift, length**2 / 8 * most)
-        middle, radius = _chord_balls(paths.states[:, ends], bends[:, block])
+        centre, size = _block_balls(adrift, length**2 / 8 * most)
+        middle, radius = _block_balls(paths.states[:, ends], bends[:, block])
         size[: len(self.reach)] += self.reach[:, None]
         for part in parts:
             lost, met = self.lost[part], self.met[part]
@@ -162,7 +163,7 @@ class BlockSearch:
             yield nodes[node], part[pair], begin[node, at], most[lost[pair], node, at]
 
     def _parts(self, near: Near, width: int, bends: Float[Array, "n blocks"]) -> Near:
-        """The parts of such blocks in which relative chords are near the origin."""
+        """The parts of blocks in which two craft's relative chord is near the origin."""
         paths, (node, pair, begin, most) = self.paths, near
         lost, met = self.lost[pair], self.met[pair, None]
         ends = begin[:, None] + width * np.arange(PARTS + 1)
@@ -189,10 +190,9 @@ class BlockSearch:
         return inside & (affected | (self.moved[self.met[pair]] & (begin < last)))
 
 
-def _chord_balls(
-    states: Float[Array, "n k ends 6"], bend: Float[Array, "n k blocks"]
+def _block_balls(
+    states: Float[Array, "n k ends 6"], sag: Float[Array, "n k blocks"]
 ) -> tuple[Float[Array, "n times 3"], Float[Array, "n times"]]:
     """Centre and radius of a ball in which each craft stays in each block, m."""
-    begin, end = states[:, :, :-1, :3], states[:, :, 1:, :3]
-    size = norm(end - begin) / 2 + bend
-    return ((begin + end) / 2).reshape(len(size), -1, 3), size.reshape(len(size), -1)
+    centre, size = chord_balls(states[:, :, :-1, :3], states[:, :, 1:, :3], sag)
+    return centre.reshape(len(size), -1, 3), size.reshape(len(size), -1)

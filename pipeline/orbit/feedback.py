@@ -47,7 +47,7 @@ def last_control_map(problem: Problem) -> Float[Array, "3 6"]:
 
 @dataclass(frozen=True, eq=False)
 class ErrorMaps:
-    """The motion of a craft's errors, as linear maps of x.
+    """Linear state-space model of a craft's errors about its plan, with state x.
 
     x is the deviation as estimated at a node, m and m/s, on which feedback acts or, where it is
     known late, with the one on which it acts.
@@ -60,7 +60,7 @@ class ErrorMaps:
 
 @lru_cache(maxsize=32)
 def error_maps(problem: Problem, closed_loop: bool, late: bool) -> ErrorMaps:
-    """Motion of errors with feedback, or without.
+    """State-space model of a craft's errors, in closed or open loop.
 
     A ``late`` estimate is that of the node before, propagated with the control commanded since.
     """

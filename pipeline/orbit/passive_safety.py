@@ -51,6 +51,16 @@ def loss_encounters(
     """
     swarms = swarms or swarm_partition((len(states),))
     paths = DriftingPaths(states, controls, problem, orbits, swarms)
+    return _encounters_adrift(paths, within, swarms, moved)
+
+
+def _encounters_adrift(
+    paths: DriftingPaths,
+    within: float | Float[Array, "swarms"],
+    swarms: SwarmPartition,
+    moved: CraftMask | None = None,
+) -> Approaches:
+    """As ``loss_encounters``, of paths that are known."""
     reach = swarms.per_craft(within)
     moved = None if moved is None else swarms.participant_mask(moved)
     none = (np.zeros(0, dtype=int),) * 4
@@ -60,7 +70,7 @@ def loss_encounters(
         order = np.lexsort((interval >= paths.last, node))
         lost, node, other, interval = (one[order] for one in (lost, node, other, interval))
     cut, found = interval - node == paths.whole, []
-    for length, which in ((problem.time_step, ~cut), (paths.rest, cut)):
+    for length, which in ((paths.problem.time_step, ~cut), (paths.rest, cut)):
         where = lost[which], node[which], other[which], interval[which]
         found.append(_closest(paths, length, reach, where, swarms))
     return Approaches.concatenated(found)
@@ -72,7 +82,7 @@ def least_after_loss(
     """The least separation between a craft after loss of thrust and any other, in each swarm."""
     paths = DriftingPaths(states, controls, problem, orbits, swarms)
     least = _closest_sampled(paths, swarms)
-    found = loss_encounters(states, controls, problem, orbits, distances_of(least), swarms=swarms)
+    found = _encounters_adrift(paths, distances_of(least), swarms)
     return replace_if_closer(least, found, problem, swarms)
 
 
@@ -131,7 +141,7 @@ def unavoidable_encounter(
     radii: Values | None = None,
     obstacles: Sequence[Obstacle] = (),
 ) -> Separation | None:
-    """The closest encounter too near that no plan between the two ends avoids, or None.
+    """The closest encounter within the required separation that no plan can avoid, or None.
 
     Radii of craft are in m; obstacles need them, and are numbered after the craft.
     """

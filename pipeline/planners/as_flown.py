@@ -135,9 +135,7 @@ def _shifted_to_linear(scenario: Scenario, controls: Controls, states: States) -
     deviation = states - fly(scenario.initial, controls, problem)
     waypoints = []
     for one in scenario.waypoints:
-        state = np.concatenate([one.position, one.velocity or (0.0,) * 3])
-        state -= deviation[one.craft, one.node(problem)]
-        x, y, z, *velocity = state.tolist()
+        x, y, z, *velocity = (one.state - deviation[one.craft, one.node(problem)]).tolist()
         faster = None if one.velocity is None else tuple(velocity)
         waypoints.append(replace(one, position=(x, y, z), velocity=faster))
     return replace(scenario, goal=scenario.goal - deviation[:, -1], waypoints=tuple(waypoints))

@@ -92,7 +92,7 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
 
 
 def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
-    """The costs where craft have thrust limits besides max_acceleration, or waypoints."""
+    """Decoupled fuel of each craft and goal where craft have limits of their own, or waypoints."""
     n, craft = scenario.n, np.arange(scenario.n)
     fuel = np.zeros((n, n))
     for shift in range(n):

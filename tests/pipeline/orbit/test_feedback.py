@@ -158,7 +158,7 @@ def test_errors_of_every_kind_spread_a_flight_as_they_are_said_to(orbit, sizes):
 
 
 def flown_with(problem, late, bias, noise, burns):
-    """Deviations and flown controls (T, 9), and corrections, of one flight with given errors."""
+    """Deviations with flown controls (T, 9), and corrections, of a closed-loop flight."""
     gains, intervals = feedback_gains(problem), problem.intervals
     state, before, joint, corrections = -bias - noise[0], np.zeros(6), [], []
     for k in range(intervals):
