@@ -153,7 +153,7 @@ class Corridor:
 def check_corridors(corridors: Sequence[Corridor], n: int, problem: Problem) -> None:
     """Raise InputError for corridors of craft that do not exist or times outside the transfer."""
     for k, one in enumerate(corridors):
-        if not 0 <= one.begin <= one.end <= problem.duration:
+        if not 0 <= one.begin <= one.end <= problem.duration + ROUNDING * problem.time_step:
             raise InputError(
                 f"corridors[{k}] is from {one.begin:g} to {one.end:g} s; expected times from 0 to "
                 f"{problem.duration:g} s, the transfer's duration, the second not before the first."

@@ -207,6 +207,16 @@ def test_what_is_no_corridor_is_refused_in_a_sentence(make, said):
         make()
 
 
+@pytest.mark.parametrize("begin", [0.0, 700.4])
+def test_a_corridor_up_to_the_end_may_end_a_rounding_error_after_it(begin):
+    problem = Problem(time_step=700.4 / 10)
+    assert problem.duration < 700.4
+    to_the_end = replace(BOX, begin=begin, end=700.4)
+    plan = planned(Scenario(problem, FAR[1:], NEAR[1:], corridors=(to_the_end,)))
+    assert plan.status == "solved"
+    assert inside(plan) > 0
+
+
 def test_a_trade_off_keeps_corridors_and_refuses_those_beyond_a_shorter_transfer():
     early = approach(1, corridors=(replace(BOX, end=700.0),))
     points = prolearn.tradeoff(early, 960.0, 1200.0, steps=2)
