@@ -63,7 +63,7 @@ def certified_plans(
         flights = [NonlinearFlight(s.initial, one.controls, problem) for s, one in both]
         states = np.concatenate([flight.states for flight in flights])
     else:
-        controls = with_coasts(controls, problem)
+        controls = _with_coasts(controls, scenarios)
         states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in drafts]
     shares = [one.least_share for one in drafts]
@@ -87,6 +87,15 @@ def certified_plans(
         )
         plans.append(with_status(plan))
     return plans
+
+
+def _with_coasts(controls: Controls, scenarios: Sequence[Scenario]) -> Controls:
+    """As ``with_coasts``, but for craft with waypoints, which that would not keep."""
+    found = with_coasts(controls, shared_problem(scenarios))
+    for swarm, craft in zip(scenarios, side_by_side(scenarios).slices, strict=True):
+        if passing := [craft.start + one.craft for one in swarm.waypoints]:
+            found[passing] = controls[passing]
+    return found
 
 
 def certified_plan(

@@ -124,6 +124,18 @@ def test_by_an_open_time_fuel_and_bound_of_a_slow_transfer_scale_with_its_size()
     assert found[1][1] == pytest.approx(found[1][0], rel=1e-6)
 
 
+def test_rounding_of_controls_moves_no_waypoint_of_a_slow_transfer(tmp_path):
+    slow = Problem(time_step=2400.0, nodes=21)
+    start, goal, by = (-173.0, -67.0, 45.0), (-143.0, -50.0, 125.0), (27.0, 0.0, 4.0)
+    ends = (np.array([[*place, 0.0, 0.0, 0.0]]) for place in (start, goal))
+    asked = Scenario(slow, *ends, waypoints=(Waypoint(0, by, None, 16 * slow.time_step),))
+    write_plan(tmp_path / "plan.json", solve(asked))
+    plan = read_plan(tmp_path / "plan.json")
+    assert plan.status == SOLVED
+    assert off(plan, 0, by)[16] < 1e-6
+    assert recheck(plan).faults == ()
+
+
 def test_a_velocity_is_met_as_well():
     still = Waypoint(1, BETWEEN[1].position, (0.0, 0.0, 0.0), 600.0)
     plan = solve(with_waypoints(still))
