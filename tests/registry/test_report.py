@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from pipeline.errors import InputError
 from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
-from registry.models import ModelVersion, list_versions
+from registry.models import list_versions
 from registry.store import connect, opened, recorded_run
 from registry.training import DatasetInfo, record_training
 
@@ -45,12 +45,20 @@ def place(
         return path, experiments(solved, trained, trained_lstm, recipe)
 
 
+@contextmanager
+def inside(place: tuple[Path, dict[str, str]]) -> Iterator[Path]:
+    """The current folder, which is that of the store in the block."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place[0])
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        yield place[0]
+
+
 @pytest.fixture
-def done(place: tuple[Path, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+def done(place: tuple[Path, dict[str, str]]) -> Iterator[dict[str, str]]:
     """The run ids; the current folder is that of the store."""
-    monkeypatch.chdir(place[0])
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    return place[1]
+    with inside(place):
+        yield place[1]
 
 
 def experiments(
@@ -61,7 +69,7 @@ def experiments(
     record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
     alone = Workers(jobs=1)
     data, sizes = str(solved), f"{CRAFT}"
-    times = TransferTimes(data=data, n=CRAFT, nodes="6,11", trials=1)
+    times = TransferTimes(data=data, n=CRAFT, nodes="6", trials=1)
     evaluated = Evaluation(data=data, sizes=sizes, trials=2, timed=1)
     seeds = WarmStarts(data=data, sizes=sizes, trials=1)
     runs = {
@@ -76,15 +84,6 @@ def experiments(
     return {name: outcome.run_id for name, outcome in runs.items()}
 
 
-@pytest.fixture(scope="module")
-def newest(place: tuple[Path, dict[str, str]]) -> Path:
-    """The folder of a report of the newest evaluation, made once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(place[0])
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        return report(place[0] / "newest").markdown.parent
-
-
 @contextmanager
 def other_versions(changes: dict[str, dict[str, str]]) -> Iterator[None]:
     """Runs say for the block that they were made with other versions, by run id."""
@@ -97,6 +96,23 @@ def other_versions(changes: dict[str, dict[str, str]]) -> Iterator[None]:
         client.set_tag(run, "made_with", tag)
 
 
+@pytest.fixture(scope="module")
+def newest(place: tuple[Path, dict[str, str]]) -> Path:
+    """The folder of a report of the newest evaluation, made once."""
+    with inside(place) as folder:
+        return report(folder / "newest").markdown.parent
+
+
+@pytest.fixture(scope="module")
+def earlier(place: tuple[Path, dict[str, str]]) -> Path:
+    """That of a report of the first evaluation, with an architecture of others in its run alone."""
+    run = place[1]["evaluation"]
+    with inside(place) as folder, other_versions({run: {"theirs:networks": "1.2+code.a"}}):
+        said = CliRunner().invoke(app, ["report", "--out", "earlier", "--evaluation", run])
+        assert said.exit_code == 0, said.output
+        return folder / "earlier"
+
+
 def made(out: Path) -> tuple[str, "pd.Series[str]", pd.DataFrame]:
     """The text, the runs by part, and the table of the trainings."""
     tables = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("provenance", "training"))
@@ -106,14 +122,9 @@ def made(out: Path) -> tuple[str, "pd.Series[str]", pd.DataFrame]:
 
 
 def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
-    done: dict[str, str],
+    done: dict[str, str], earlier: Path
 ) -> None:
-    with other_versions({done["evaluation"]: {"theirs:networks": "1.2+code.a"}}):
-        said = CliRunner().invoke(
-            app, ["report", "--out", "earlier", "--evaluation", done["evaluation"]]
-        )
-    assert said.exit_code == 0, said.output
-    text, runs, training = made(Path("earlier"))
+    text, runs, training = made(earlier)
     assert dict(runs.iloc[:4]) == {
         "Experiments 1 and 2, examples": done["evaluation"],
         "Experiment 3, expert": done["expert"],
@@ -161,7 +172,14 @@ def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str], newe
     assert "No warm starts of these models on these data" in text
 
 
-def test_what_was_made_with_other_versions_is_said(done: dict[str, str]) -> None:
+def test_other_versions_are_said_and_what_an_earlier_version_left_in_the_store_changes_nothing(
+    done: dict[str, str], earlier: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
+) -> None:
+    """Runs of `make ablate` and refiners by its recipes are no more."""
+    gone = "prolearn-ablations"
+    with opened(gone) as store, recorded_run(store, gone, "ablations", {}):
+        pass
+    record_training(trained, recipe=replace(recipe, name="no-third"), seed=0, dataset=on_solved)
     changes = {
         done["evaluation"]: {"theirs:networks": "1.2+code.a"},
         done["plain"]: {"theirs:networks": "1.2+code.b"},
@@ -169,45 +187,35 @@ def test_what_was_made_with_other_versions_is_said(done: dict[str, str]) -> None
     }
     with other_versions(changes):
         report(Path("other"), done["evaluation"])
-    text, *_ = made(Path("other"))
-    assert "Experiment 4 was made with torch 1.0, the evaluation with 2" in text
+    before, text = (made(path)[0].split("\n\n") for path in (earlier, Path("other")))
+    plain, times = (part for part in text if "was made with" in part)
+    assert "Experiment 4 was made with torch 1.0, the evaluation with 2" in times
     theirs = "made with theirs:networks 1.2+code.b, the evaluation with 1.2+code.a."
-    assert f"Experiment 3, plain was {theirs}" in text
-
-
-def test_an_experiment_of_an_earlier_version_in_the_store_changes_nothing(
-    done: dict[str, str], newest: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
-) -> None:
-    """Runs of `make ablate` and refiners by its recipes, which are no more."""
-    gone = "prolearn-ablations"
-    with opened(gone) as store, recorded_run(store, gone, "ablations", {}):
-        pass
-    record_training(trained, recipe=replace(recipe, name="no-third"), seed=0, dataset=on_solved)
-    after = report(Path("after")).markdown
-    assert after.read_bytes() == (newest / "report.md").read_bytes()
+    assert f"Experiment 3, plain was {theirs}" in plain
+    assert [part for part in text if part not in (plain, times)] == before
     named = [(version.arch, version.recipe) for version in list_versions()]
     assert named == [("ff1", "tuned"), ("ff1", "no-third"), ("lstm1", "tuned")]
 
 
-@pytest.mark.parametrize(
-    ("seeds", "removed", "names"), [((0, 0), "version", {"ff1/2"}), ((0, 1), "run", {"ff1"})]
-)
 def test_trainings_keep_the_names_of_the_evaluation_where_one_of_them_was_deleted(
-    seeds: tuple[int, int],
-    removed: str,
-    names: set[str],
-    recorded: Callable[..., ModelVersion],
+    folder: Path,
     solved: Path,
     trained: Trained,
+    trained_lstm: Trained,
+    recipe: Recipe,
     on_solved: DatasetInfo,
 ) -> None:
-    first, _ = (recorded(trained, on_solved, seed=k) for k in seeds)
-    asked = Evaluation(models="ff1/1,ff1/2", data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
+    """Those that differ in their seed alone share a name; others have the version in theirs."""
+    for one, seeds in ((trained, (0, 0)), (trained_lstm, (0, 1))):
+        versions = [
+            record_training(one, recipe=recipe, seed=seed, dataset=on_solved) for seed in seeds
+        ]
+    models = "ff1/1,ff1/2,lstm1/1,lstm1/2"
+    asked = Evaluation(models=models, data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
     evaluate(asked, workers=Workers(1))
     client = connect().client
-    if removed == "version":
-        client.delete_model_version(first.name, "1")
-    else:
-        client.delete_run(first.run_id)
+    client.delete_model_version("prolearn-ff1", "1")
+    client.delete_run(versions[0].run_id)
     report(Path("fewer"))
-    assert set(made(Path("fewer"))[2]["arch"]) == names
+    training = made(Path("fewer"))[2]
+    assert set(training["arch"]) == {"ff1/2", "lstm1"}
