@@ -1,7 +1,7 @@
 """Metrics of models in their training runs: evaluations added, tables of trainings read."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, SupportsFloat
 
@@ -30,9 +30,10 @@ def add_model_results(
     """
     with opened(create=False) as store:
         try:
-            if models.run_of_version(store, version.run_id) is None:
+            run = models.run_of_version(store, version.run_id)
+            if run is None:
                 raise FileNotFoundError("it is gone")
-            _add_metrics(store, version, metrics)
+            _add_metrics(store, version, metrics, run.data.metrics)
             used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
             store.client.log_inputs(version.run_id, [used])
             store.client.log_artifacts(version.run_id, str(figures), "figures")
@@ -44,14 +45,17 @@ def add_model_results(
 
 
 def _add_metrics(
-    store: Store, version: models.ModelVersion, metrics: Mapping[int, Mapping[str, SupportsFloat]]
+    store: Store,
+    version: models.ModelVersion,
+    metrics: Mapping[int, Mapping[str, SupportsFloat]],
+    there: Collection[str],
 ) -> None:
-    """Add metrics to a run and its model, dated after all that are there, as clocks may differ."""
+    """Add metrics to a run and its model, dated after those ``there``, as clocks may differ."""
     try:
         model = store.client.get_logged_model(version.model_id).model_id
     except MlflowException:
         model = None
-    names = {name for one in metrics.values() for name in one}
+    names = {name for one in metrics.values() for name in one if name in there}
     history = store.client.get_metric_history
     known = [metric.timestamp for name in names for metric in history(version.run_id, name)]
     stamp = min(max([entities.now(), *(time + 1 for time in known)]), LATEST)

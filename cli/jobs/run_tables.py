@@ -93,11 +93,11 @@ def add_to_model(
 ) -> None:
     """Add metrics, figures and the dataset (folder, digest) of an evaluation to a network's run."""
     same = (trials.planner == evaluated.planner.name) & (trials.recipe == evaluated.recipe)
-    own = summarize(trials[same & (trials.training_seed == evaluated.training_seed)])
-    expert = summarize(trials[trials.planner == Expert().name])
-    summary, example = pd.concat([expert, own]), [EvaluatedPlanner(Expert()), evaluated]
+    same &= trials.training_seed == evaluated.training_seed
+    summary = summarize(trials[same | (trials.planner == Expert().name)])
+    example = [EvaluatedPlanner(Expert()), evaluated]
     paper, style = sizes_of_paper(summary), planner_styles(summary["planner"])
-    metrics = _metrics(own, version.n)
+    metrics = _metrics(summary[summary["planner"] == evaluated.planner.name], version.n)
     with scratch_folder() as scratch:
         for name in ("collisions", "fuel", "safe"):
             figure = sizes_figure(summary if paper.empty else paper, QUANTITIES[name], style)

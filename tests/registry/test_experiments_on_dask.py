@@ -42,13 +42,13 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_this_machine(
     cluster.await_workers()
     there, data = Workers(scheduler=cluster.address), str(solved)
     progress = AfterOne(lambda: kill(cluster.workers[0]))
-    asked = Evaluation(data=data, timed=1)
+    asked = Evaluation(data=data, trials=3, timed=1)
     same(evaluate(asked, workers=there, progress=progress), evaluate(asked, workers=Workers(1)))
     assert progress.parts > 2
 
     times = TransferTimes(data=data, n=3, nodes="6", trials=2)
     same(transfer_times(times, workers=there), transfer_times(times, workers=Workers(1)))
-    fly = Flights(models="lstm1", data=data, n=3, trials=2, flights=1)
+    fly = Flights(models="lstm1", data=data, n=3, trials=1, flights=1)
     same(flights(fly, workers=there), flights(fly, workers=Workers(1)))
 
 
