@@ -72,12 +72,19 @@ FORGED = {
     "no numbers": lambda _: {"collision_radius": np.array("near")},
     "a radius for each": lambda _: {"collision_radius": np.zeros(2)},
     "not finite": lambda _: {"track:expert": np.full((2, 5, 3), np.nan)},
-    "too large": lambda _: {"more": np.zeros(40 * 10**6)},
+    "too large": lambda _: {"more": np.zeros(MOST_BYTES, bool)},
 }
 
 
+MOST_BYTES = 10**6
+"""As the largest file that is read, which takes less time to write than the real one."""
+
+
 @pytest.mark.parametrize("forged", FORGED.values(), ids=FORGED.keys())
-def test_what_is_no_example_is_refused_and_nothing_in_it_runs(example, tmp_path, forged):
+def test_what_is_no_example_is_refused_and_nothing_in_it_runs(
+    example, tmp_path, forged, monkeypatch
+):
+    monkeypatch.setattr("pipeline.experiments.example_transfer.MOST_BYTES", MOST_BYTES)
     path = tmp_path / "example.npz"
     write_example(example, path)
     with np.load(path) as stored:

@@ -10,6 +10,7 @@ from pipeline.experiments.experiment5 import (
     in_both_models,
     in_loops,
     planned_figure,
+    section,
     summarize_flights,
     within_table,
 )
@@ -29,6 +30,7 @@ from pipeline.experiments.records import (
     WORLDS,
 )
 from pipeline.figures.style import planner_styles
+from pipeline.figures.tables import Writer
 from pipeline.report import Results, build_report
 
 SCENARIOS, EACH = 100, 4
@@ -311,38 +313,41 @@ def test_a_figure_has_a_panel_for_each_world_and_hollow_markers_without_errors()
     assert names == ["Expert", "Decoupled optimum", "with errors", "without errors"]
 
 
-def test_the_report_has_the_section_and_says_when_plans_hold(trials_at, tmp_path):
+def test_the_section_says_when_plans_hold():
     flights = table(expert=MARGINAL, refiner=MARGINAL, decoupled_optimum=(55, 53, 54))
-    files = build_report(Results(trials_at(6), flights=flights), tmp_path)
-    text = files.markdown.read_text()
-    section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
-    assert section.startswith("Plans hold outside the linear model where")
-    assert "in no more than 5 % of flights, over the whole interval" in section
-    assert "Plans of test scenarios, 100 of n = 10, are flown" in section
-    assert "4 times, with the same draws" in section
-    assert (
-        "Do the refiner's plans of n = 10 hold outside the linear model" in text.split("\n## ")[1]
-    )
-    assert "experiment5.svg" in {path.name for path in files.figures}
-    by_name = {path.stem: pd.read_csv(path) for path in files.tables}
+    writer = Writer()
+    text = writer.write(section(flights, planner_styles(flights["planner"])))
+    head = "## Experiment 5: what flies\n\n"
+    assert text.startswith(f"{head}Plans hold outside the linear model where")
+    assert "in no more than 5 % of flights, over the whole interval" in text
+    assert "Plans of test scenarios, 100 of n = 10, are flown" in text
+    assert "4 times, with the same draws" in text
+    assert [picture.name for picture in writer.pictures] == ["experiment5"]
+    by_name = {table.name: table.frame for table in writer.tables}
     assert len(by_name["experiment5-within"]) == 18
     assert set(by_name["experiment5"]["world"]) == set(WORLDS), "the CSV file has all"
 
 
-def test_the_section_begins_with_what_planning_as_flown_changes(trials_at, tmp_path):
+def test_the_report_has_the_section_which_begins_with_what_planning_as_flown_changes(
+    trials_at, tmp_path
+):
     flights = pd.concat([table(expert=MARGINAL), planned_too("expert")], ignore_index=True)
     files = build_report(Results(trials_at(6), flights=flights), tmp_path)
     text = files.markdown.read_text()
-    section = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
-    assert section.startswith(
+    mine = text.split("## Experiment 5: what flies")[1].split("\n## ")[0].strip()
+    assert mine.startswith(
         "Without errors, planned as flown, none of 800 plans has a pair within r_col, and goals "
         "are missed by at most 1.00e-8 m; planned in the linear model, 37.5 % have one"
     )
-    assert "Plans of test scenarios, 100 of n = 10, are flown" in section
-    assert "100 of n = 10 and 100 of n = 30, each scenario" in section
-    assert "eccentricity 0.001, 0.01, 0.1 and 0.5, with J2" in section
-    assert "experiment5-as-flown.svg" in {path.name for path in files.figures}
+    assert "Plans of test scenarios, 100 of n = 10, are flown" in mine
+    assert "100 of n = 10 and 100 of n = 30, each scenario" in mine
+    assert "eccentricity 0.001, 0.01, 0.1 and 0.5, with J2" in mine
+    question = "Do the expert's plans of n = 10 hold outside the linear model"
+    assert question in text.split("\n## ")[1]
+    figures = {"experiment5.svg", "experiment5-as-flown.svg"}
+    assert figures <= {path.name for path in files.figures}
     by_name = {path.stem: pd.read_csv(path) for path in files.tables}
     assert len(by_name["experiment5-as-flown"]) == 16
     assert len(by_name["experiment5-within"]) == 18, "of ten craft planned in the linear model"
     assert len(by_name["experiment5"]) == 18
+    assert set(by_name["experiment5"]["world"]) == set(WORLDS), "the CSV file has all"

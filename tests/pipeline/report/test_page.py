@@ -175,7 +175,8 @@ def test_captions_of_run_times_say_on_how_many_threads_they_were_taken(report):
 
 
 def test_untimed_trials_leave_out_the_run_times(trials, tmp_path):
-    untimed = trials.assign(seconds=float("nan"))
+    two = trials[trials["planner"].isin(["expert", "my net"])]
+    untimed = two.assign(seconds=float("nan"))
     files = build_report(Results(untimed), tmp_path)
     assert "experiment2-seconds" not in {p.stem for p in files.figures}
     assert "No planner was timed" in files.markdown.read_text()
