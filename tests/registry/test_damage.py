@@ -35,7 +35,8 @@ def run(folder: Path, tmp_path: Path, example: Example) -> str:  # noqa: F811
 def parts(run: str) -> dict[str, str]:
     """Runs beside the evaluation, by the name of their part."""
     warmstarts = pd.DataFrame(warm(10, "converged", "none", [1, 2], [0.1, 0.2], [0.0, 0.0]))
-    times = pd.concat([TRIALS.assign(varied=one) for one in ("nodes", "time_step")])
+    alone = TRIALS[TRIALS["planner"] == "expert"]
+    times = pd.concat([alone.assign(varied=one) for one in ("nodes", "time_step")])
     times = times.assign(nodes=11, time_step=120.0)
     expert = {**PARAMS, "optimizer": "expert"}
     return {

@@ -186,6 +186,7 @@ def test_a_plan_by_such_a_model_is_shown_in_text(written: Written, folder: Path)
     assert "ff1/1" in page.text and "img" not in page.tags
 
 
+@pytest.mark.usefixtures("known_operators")
 def test_a_model_card_has_the_text(written: Written, folder: Path) -> None:
     assert_plain(run("models", "export", "ff1", "--out", "x.onnx"))
     card = (folder / "x.onnx.md").read_text(encoding="utf-8")
