@@ -100,7 +100,8 @@ def test_a_version_whose_run_has_no_sound_number_is_left_out_with_one_warning(
         with caplog.at_level(logging.WARNING, "prolearn"):
             assert [version.version for version in list_versions()] == [1]
             assert [version.version for version in newest_trainings()] == [1]
-            assert [one.version.version for one in networks([], solved)] == [1]
+            if text == TEXTS[0]:  # as all texts, and each time a network is loaded
+                assert [one.version.version for one in networks([], solved)] == [1]
         (warning,) = caplog.messages
         assert f"prolearn-ff1/2 cannot be used: {name} of its training run" in warning
         assert warning.endswith("It is left out.") and warning.isprintable()
