@@ -7,6 +7,10 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
+from pipeline.experiments import experiment2, experiment3
+from pipeline.experiments.averages import summarize
+from pipeline.figures.style import planner_styles
+from pipeline.figures.tables import Writer
 from pipeline.report import Results, build_report, html_page
 
 COMMANDS = ("warmstart", "transfer-times", "flights")
@@ -24,6 +28,13 @@ def report(results, cache, tmp_path_factory):
     if not cache:
         cache["files"] = build_report(results, tmp_path_factory.mktemp("report"))
     return cache["files"]
+
+
+def written(section):
+    """Names of the figures and tables of a section, and its text."""
+    writer = Writer()
+    text = writer.write(section)
+    return {one.name for one in (*writer.pictures, *writer.tables)}, text
 
 
 class References(HTMLParser):
@@ -146,21 +157,19 @@ def test_what_is_missing_says_which_command_fills_it(trials_at, tmp_path):
     assert [p.name for p in files.figures] == ["experiment1.svg", "experiment1.png"]
 
 
-def test_each_optimizer_of_experiment_3_can_be_missing(report, trials_at, both, tmp_path):
-    def said(files):
-        return {p.stem for p in (*files.figures, *files.tables)}, files.markdown.read_text()
+def test_each_optimizer_of_experiment_3_can_be_missing(report, both):
+    def seeded(rows):
+        return written(experiment3.section(rows, planner_styles([])))
 
-    def built(rows, name):
-        return said(build_report(Results(trials_at(6), rows), tmp_path / name))
-
-    names, text = built(both, "both")
+    names, text = seeded(both)
     assert {"experiment3-n10", "experiment3-optimizers-n10", "experiment3-plain-n10"} <= names
     assert "roughly 20 s without a seed and less than 5 s" in text
-    names, text = said(report)  # of the expert alone
+    names = {path.stem for path in (*report.figures, *report.tables)}  # of the expert alone
+    text = report.markdown.read_text()
     assert "experiment3-n10" in names
     assert "experiment3-plain-n10" not in names
     assert "`prolearn warmstart --optimizer plain`" in text
-    names, text = built(both[both["optimizer"] == "plain"], "plain")
+    names, text = seeded(both[both["optimizer"] == "plain"])
     assert "experiment3-plain-n10" in names
     assert "experiment3-n10" not in names
     assert "`prolearn warmstart`" in text
@@ -174,12 +183,11 @@ def test_captions_of_run_times_say_on_how_many_threads_they_were_taken(report):
     assert "| Threads" in text
 
 
-def test_untimed_trials_leave_out_the_run_times(trials, tmp_path):
-    two = trials[trials["planner"].isin(["expert", "my net"])]
-    untimed = two.assign(seconds=float("nan"))
-    files = build_report(Results(untimed), tmp_path)
-    assert "experiment2-seconds" not in {p.stem for p in files.figures}
-    assert "No planner was timed" in files.markdown.read_text()
+def test_untimed_trials_leave_out_the_run_times(trials):
+    summary = summarize(trials.assign(seconds=float("nan")))
+    names, text = written(experiment2.section(summary, planner_styles(summary["planner"])))
+    assert "experiment2-fuel" in names and "experiment2-seconds" not in names
+    assert "No planner was timed" in text
 
 
 def test_the_report_loads_no_solver_no_torch_and_no_pyplot():
