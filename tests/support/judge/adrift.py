@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from judge.motion import Case, after, exact_step
+from judge.motion import Case, after, exact_steps
 
 PARTS = 12
 """Grid steps in a time step."""
@@ -45,9 +45,9 @@ def closest_adrift(
     for node in range(problem.nodes):
         begin = node * problem.step
         times = np.append(np.arange(0.0, length, problem.step / PARTS), length)
-        drift = np.stack([exact_step(problem.rate, t)[0][:3] for t in times.round(9)])
-        adrift = np.einsum("tij,nj->nti", drift, states[:, node])
-        flown = np.stack([place(problem, states, controls, begin + t) for t in times], axis=1)
+        drift, _ = exact_steps(problem.rate, times)
+        adrift = np.einsum("tij,nj->nti", drift[:, :3], states[:, node])
+        flown = places(problem, states, controls, begin + times)
         apart = np.linalg.norm(adrift[:, None] - flown[None], axis=-1)
         for lost, other in zip(*np.nonzero(~np.eye(len(states), dtype=bool)), strict=True):
             at = int(apart[lost, other].argmin())
@@ -78,10 +78,18 @@ def distance_adrift(
 
 def place(problem: Case, states: np.ndarray, controls: np.ndarray, time: float) -> np.ndarray:
     """Positions (n, 3) at a time of a flight, which drifts on after its last node."""
-    k = int(min((time + 1e-9) // problem.step, problem.nodes - 1))
-    flying = k < problem.nodes - 1
-    held = controls[:, k] if flying else np.zeros((len(states), 3))
-    return after(problem.rate, round(time - k * problem.step, 9), states[:, k], held)[:, :3]
+    return places(problem, states, controls, np.array([time]))[:, 0]
+
+
+def places(
+    problem: Case, states: np.ndarray, controls: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """Positions (n, k, 3) at k times."""
+    node = np.minimum((times + 1e-9) // problem.step, problem.nodes - 1).astype(int)
+    free, forced = exact_steps(problem.rate, times - node * problem.step)
+    held = np.pad(controls, ((0, 0), (0, 1), (0, 0)))[:, node]
+    both = np.concatenate([states[:, node], held], axis=2)
+    return (np.concatenate([free, forced], axis=2)[:, :3] @ both[..., None])[..., 0]
 
 
 def _refined(

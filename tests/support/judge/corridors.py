@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from judge.adrift import place
+from judge.adrift import places
 from judge.motion import Case
 
 PARTS = 60
@@ -24,29 +24,38 @@ def least_inside(
             at = partial(_inside_at, one, problem, states[[craft]], controls[[craft]])
             grid = np.arange(one["from"], one["to"], problem.step / PARTS)
             times = np.append(grid, one["to"])
-            found = [at(float(t)) for t in times]
+            found = at(times)
             k = int(np.argmin(found))
             around = times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)]
-            best = minimize_scalar(at, bounds=around, method="bounded", options={"xatol": 1e-6})
-            least = min(least, found[k], float(best.fun))
+            best = minimize_scalar(
+                lambda t, at=at: at(np.array([t]))[0],
+                bounds=around,
+                method="bounded",
+                options={"xatol": 1e-6},
+            )
+            least = min(least, float(found[k]), float(best.fun))
     return least
 
 
 def _inside_at(
-    one: Mapping[str, Any], problem: Case, states: np.ndarray, controls: np.ndarray, t: float
-) -> float:
-    return inside(place(problem, states, controls, t)[0], one)
+    one: Mapping[str, Any],
+    problem: Case,
+    states: np.ndarray,
+    controls: np.ndarray,
+    times: np.ndarray,
+) -> np.ndarray:
+    return inside(places(problem, states, controls, times)[0], one)
 
 
-def inside(point: np.ndarray, one: Mapping[str, Any]) -> float:
-    """How far inside of a box or a cone a point is, m; below 0 outside."""
+def inside(points: np.ndarray, one: Mapping[str, Any]) -> np.ndarray:
+    """How far inside of a box or a cone points (..., 3) are, m; below 0 outside."""
     if "box" in one:
         low, high = np.array(one["box"]["min"]), np.array(one["box"]["max"])
-        return float(np.minimum(point - low, high - point).min())
+        return np.asarray(np.minimum(points - low, high - points).min(axis=-1))
     axis = np.array(one["cone"]["axis"], dtype=float)
     axis /= np.linalg.norm(axis)
-    from_apex = point - np.array(one["cone"]["apex"])
-    along = float(axis @ from_apex)
-    across = float(np.linalg.norm(from_apex - along * axis))
+    from_apex = points - np.array(one["cone"]["apex"])
+    along = from_apex @ axis
+    across = np.linalg.norm(from_apex - along[..., None] * axis, axis=-1)
     angle = np.deg2rad(one["cone"]["half_angle_deg"])
-    return along * np.sin(angle) - across * np.cos(angle)
+    return np.asarray(along * np.sin(angle) - across * np.cos(angle))

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from judge.adrift import place
-from judge.motion import Case, after, exact_step
+from judge.adrift import places
+from judge.motion import Case, exact_steps
 
 PARTS = 60
 """Grid steps in a time step."""
@@ -69,14 +69,14 @@ def pairs(
 
     @cache
     def flown(k: int, times: tuple[float, ...]) -> np.ndarray:
-        return np.stack([place(problem, states[[k]], controls[[k]], t)[0] for t in times])
+        return np.asarray(places(problem, states[[k]], controls[[k]], np.array(times))[0])
 
     def craft(i: int, j: int, times: tuple[float, ...]) -> np.ndarray:
         gap = np.linalg.norm(flown(i, times) - flown(j, times), axis=1)
         return np.asarray(gap - radii[i] - radii[j])
 
     def obstacle(i: int, one: Mapping[str, Any], times: tuple[float, ...]) -> np.ndarray:
-        there = np.stack([obstacle_at(one, problem, t) for t in times])
+        there = obstacle_track(one, problem, np.array(times))
         return outside(flown(i, times) - there, axes_of(one)) - radii[i]
 
     for i in range(n):
@@ -96,16 +96,16 @@ def least_adrift(
     """Least clearance on a grid of a craft adrift from any node; the true one is hardly less."""
     n, radii = len(states), radii_of(document, problem, len(states))
     length, least = orbits * 2 * np.pi / problem.rate, np.inf
-    since = np.append(np.arange(0.0, length, problem.step / 12), length).round(9).tolist()
-    free = np.stack([exact_step(problem.rate, t)[0][:3] for t in since])
+    since = np.append(np.arange(0.0, length, problem.step / 12), length)
+    free, _ = exact_steps(problem.rate, since)
     for node in range(problem.nodes):
-        times = [node * problem.step + t for t in since]
-        lost = np.einsum("tij,nj->tni", free, states[:, node])
-        met = np.stack([place(problem, states, controls, time) for time in times])
+        times = node * problem.step + since
+        lost = np.einsum("tij,nj->tni", free[:, :3], states[:, node])
+        met = places(problem, states, controls, times).swapaxes(0, 1)
         apart = np.linalg.norm(lost[:, :, None] - met[:, None], axis=-1) - radii - radii[:, None]
         least = min(least, float(apart[:, ~np.eye(n, dtype=bool)].min(initial=np.inf)))
         for one in document.get("obstacles", []):
-            there = np.stack([obstacle_at(one, problem, time) for time in times])
+            there = obstacle_track(one, problem, times)
             gaps = outside(lost - there[:, None], axes_of(one)) - radii
             least = min(least, float(gaps.min()))
     return least
@@ -124,10 +124,15 @@ def axes_of(one: Mapping[str, Any]) -> np.ndarray:
 
 def obstacle_at(one: Mapping[str, Any], problem: Case, time: float) -> np.ndarray:
     """Where an obstacle is at a time, (3,)."""
+    return np.asarray(obstacle_track(one, problem, np.array([time]))[0])
+
+
+def obstacle_track(one: Mapping[str, Any], problem: Case, times: np.ndarray) -> np.ndarray:
+    """Where an obstacle is at k times, (k, 3)."""
     if "position" in one:
-        return np.array(one["position"], dtype=float)
-    state = np.array(one["state"], dtype=float)
-    return after(problem.rate, round(time, 9), state, np.zeros(3))[:3]
+        return np.tile(np.array(one["position"], dtype=float), (len(times), 1))
+    free, _ = exact_steps(problem.rate, times)
+    return np.asarray(free[:, :3] @ np.array(one["state"], dtype=float))
 
 
 def outside(points: np.ndarray, axes: np.ndarray) -> np.ndarray:

@@ -64,6 +64,13 @@ def after(rate: float, seconds: float, state: np.ndarray, held: np.ndarray) -> n
     return state @ free.T + held @ forced.T
 
 
+def exact_steps(rate: float, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same after each of k times: (k, 6, 6) and (k, 6, 3)."""
+    each, where = np.unique(seconds.round(9), return_inverse=True)
+    free, forced = zip(*(exact_step(rate, one) for one in each.tolist()), strict=True)
+    return np.stack(free)[where], np.stack(forced)[where]
+
+
 def fly(problem: Case, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
     """Node states (n, T, 6) from states (n, 6) and controls (n, T-1, 3)."""
     nodes = [start]
