@@ -19,7 +19,7 @@ from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.errors import ProlearnError
 from pipeline.orbit.arrays import Formation
 from pipeline.orbit.hulls import corners
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import Problem, once_per_motion
 from pipeline.orbit.transfer import transfer_maps
 
 NEGLIGIBLE = 1e-12  # share of R's largest entry that counts as 0; velocities times the duration
@@ -129,9 +129,9 @@ def independent_columns(problem: Problem) -> Int[Array, "6"] | None:
     return np.array(found)
 
 
-@lru_cache(maxsize=32)
+@once_per_motion
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
-    """The hulls of a problem, computed once; None if a state is not reachable or one too large."""
+    """The hulls of a motion, computed once; None if a state is not reachable or one too large."""
     scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()

@@ -1,8 +1,9 @@
 """The transfer problem: orbit, time grid and limits that all scenarios of a dataset share."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from functools import lru_cache, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,6 +28,8 @@ LIMIT_ROUNDING = 1e-6
 NEGLIGIBLE = 1e-10  # fuel that counts as zero, in units of evasive_control
 # Nodes of a transfer, and revolutions of the reference orbit that it may take
 MOST_NODES, MOST_TURNS = 1250, 1000
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,21 @@ class Problem:
         """Largest component of a control within the limit, rounding included, m/s²."""
         limit = self.max_acceleration
         return np.inf if limit is None else limit * (1 + LIMIT_ROUNDING)
+
+
+def once_per_motion(function: Callable[[Problem], Found]) -> Callable[[Problem], Found]:
+    """Cache what depends on orbit and time grid, and not on limits, radius or thrusters."""
+    of_motion = lru_cache(maxsize=32)(function)
+
+    @lru_cache(maxsize=32)
+    @wraps(function)
+    def found(problem: Problem) -> Found:
+        radius = Problem.collision_radius
+        return of_motion(
+            replace(problem, collision_radius=radius, max_acceleration=None, thrust=ALONG_AXES)
+        )
+
+    return found
 
 
 def _whole(nodes: object) -> int:

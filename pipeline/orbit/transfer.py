@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from pipeline.orbit.arrays import (
     States,
     mapped,
 )
-from pipeline.orbit.problem import MOST_NODES, RANGES, Problem
+from pipeline.orbit.problem import MOST_NODES, RANGES, Problem, once_per_motion
 
 COAST = 1e-7  # share of a craft's largest control below which a control is rounding, no burn
 UNCHANGED = 1e-9  # change of a final state that counts as zero, m; velocities over e
@@ -35,9 +34,9 @@ class TransferMaps:
     to_goal: Float[Array, "m 6"]  # pseudo-inverse of reach[T], which gives least-energy controls
 
 
-@lru_cache(maxsize=32)
+@once_per_motion
 def transfer_maps(problem: Problem) -> TransferMaps:
-    """The maps of a problem, computed once."""
+    """The maps of a problem's motion, computed once."""
     A, B = step_maps(problem)
     T, weight = problem.nodes, state_weight(problem)
     reach = np.zeros((T, 6, 3 * (T - 1)))
@@ -48,7 +47,7 @@ def transfer_maps(problem: Problem) -> TransferMaps:
     return TransferMaps(_powers(problem), reach, to_goal)
 
 
-@lru_cache(maxsize=32)
+@once_per_motion
 def _projection(problem: Problem) -> Float[Array, "m _"]:
     """Map from node states, 6T, to the best-fitting controls that keep the final state."""
     maps, weight, T = transfer_maps(problem), state_weight(problem), problem.nodes
@@ -59,7 +58,7 @@ def _projection(problem: Problem) -> Float[Array, "m _"]:
     return projected
 
 
-@lru_cache(maxsize=32)
+@once_per_motion
 def _powers(problem: Problem) -> Float[Array, "T 6 6"]:
     """A from the first node to each: powers of A about a circle."""
     if problem.orbit is not None:
@@ -74,7 +73,7 @@ def step_maps(problem: Problem) -> tuple[Float[Array, "K 6 6"], Float[Array, "K 
     return np.broadcast_to(A, (K, 6, 6)), np.broadcast_to(B, (K, 6, 3))
 
 
-@lru_cache(maxsize=32)
+@once_per_motion
 def _step(problem: Problem) -> tuple[Float[Array, "*K 6 6"], Float[Array, "*K 6 3"]]:
     """A and B of Eq. 2, for each interval where they differ."""
     return problem.dynamics.step(problem.time_step, np.arange(problem.intervals))

@@ -348,7 +348,7 @@ def test_the_bound_of_assigned_goals_is_of_the_limits_that_were_planned_for():
     """With a limit just above the least one for which some goal assignment is feasible."""
     scenario, planner = swarm("rings", 0.01, n=3), PLANNERS["goal assignment"]
     low, high = 1e-6, 5e-3
-    for _ in range(30):
+    for _ in range(18):  # to a fraction of what is added below
         limit = (low + high) / 2
         (plan,) = planner.plan([limited(scenario, limit)])
         low, high = (low, limit) if plan.status == SOLVED else (limit, high)
