@@ -6,7 +6,7 @@ some that were right before, they are right again; so are they where their shape
 other sizes in the same places.
 """
 
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Collection, Hashable, Iterable
 from functools import cache, partial, wraps
 from operator import attrgetter
 from re import findall
@@ -90,9 +90,10 @@ class Memory:
         def called(*args: Any, **kwargs: Any) -> Any:
             if config.jaxtyping_disable:
                 return function(*args, **kwargs)
-            given: tuple[Hashable, ...] = tuple([kinds[type(one)](one) for one in args])
-            if kwargs:
-                given += *kwargs, *[kinds[type(one)](one) for one in kwargs.values()]
+            each: list[Hashable] = []  # filled faster by a loop than by a comprehension
+            for one in (*args, *kwargs.values()) if kwargs else args:
+                each.append(kinds[type(one)](one))  # noqa: PERF401
+            given = (*each, tuple(kwargs)) if kwargs else tuple(each)
             found = right.get(given)
             if found is None and VARIES not in given and patterns.knows(given):
                 found = right[given] = set()
@@ -107,15 +108,16 @@ class Memory:
                 kind = kinds[type(result)](result)
                 if kind in found:
                     return result
-                if kind is VARIES or not patterns.knows((given, kind)):
-                    results.append(result)
-                    checked()(*args, **kwargs)
+                if kind is not VARIES and patterns.knows((given, kind)):
+                    found.add(kind)
+                    return result
+                results.append(result)
+                checked()(*args, **kwargs)
             if VARIES not in given:
                 found = right.setdefault(given, set())
-                patterns.add(given)
                 if (kind := kinds[type(result)](result)) is not VARIES:
                     found.add(kind)
-                    patterns.add((given, kind))
+                patterns.add(given, kind)
             return result
 
         return called
@@ -137,22 +139,29 @@ class Patterns:
         )
         self._known: set[Hashable] = set()
 
-    def knows(self, kind: Hashable) -> bool:
+    def knows(self, kind: tuple[Hashable, ...]) -> bool:
         """Whether one of the same pattern was right."""
         return not self._exact and self._pattern(kind, {}) in self._known
 
-    def add(self, kind: Hashable) -> None:
-        """Remember one that was right."""
+    def add(self, given: tuple[Hashable, ...], kind: Hashable) -> None:
+        """Remember arguments that were right, and the result."""
         if not self._exact:
-            self._known.add(self._pattern(kind, {}))
+            both = self._pattern((given, kind), {})
+            self._known |= {both[0], both}
 
-    def _pattern(self, kind: Hashable, sizes: dict[int, int]) -> Hashable:
+    def _pattern(self, kind: Iterable[Hashable], sizes: dict[int, int]) -> tuple[Hashable, ...]:
         """A call's types and sizes, with the free sizes numbered -1, -2, ... as they appear."""
-        if isinstance(kind, tuple):
-            return tuple([self._pattern(one, sizes) for one in kind])
-        if type(kind) is not int or kind in self._named:
-            return kind
-        return sizes.setdefault(kind, -1 - len(sizes))
+        named = self._named
+        return tuple(
+            [
+                self._pattern(one, sizes)
+                if isinstance(one, tuple)
+                else one
+                if type(one) is not int or one in named
+                else sizes.setdefault(one, -1 - len(sizes))
+                for one in kind
+            ]
+        )
 
 
 NESTED: dict[Hashable, Memory] = {}
