@@ -178,7 +178,7 @@ def test_corridors_are_kept_as_far_as_other_integrators_say(world, corridors):
         for one in document["corridors"]:
             looked = (times >= one["from"]) & (times <= one["to"])
             for craft in one.get("craft") or range(6):
-                least += [inside(point, one) for point in paths[craft, looked]]
+                least += inside(paths[craft, looked], one).tolist()
         truth = min(least)
     assert found.min_margin_bound <= found.min_margin
     assert found.min_margin_bound <= truth + 1e-6

@@ -1,7 +1,8 @@
 """How close a craft that has lost its thrust comes to the others: a dense grid, then refined.
 
 It looks at every craft, every node and every other craft; the grid's steps are so short that the
-closest approach is beside the least of its points, and a scalar minimiser goes on from there.
+closest approach is beside the least of its points, and a scalar minimiser goes on from there, but
+where the way from one point of the grid to the next is too short to come closest of all.
 """
 
 from dataclasses import dataclass
@@ -11,11 +12,10 @@ from scipy.optimize import minimize_scalar
 
 from judge.motion import Case, after, exact_steps
 
-PARTS = 12
-"""Grid steps in a time step."""
-
-NEAR = 20.0
-"""Arcs whose least grid point is within this of the least of all are refined, m."""
+PARTS, SHORT = 12, 1e-3
+"""Grid steps in a time step; fewer where they would be so short a share of an orbit."""
+CURVED = 1.05
+"""How much longer than straight the way between two points of the grid may be."""
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,26 @@ def closest_adrift(
         orbits: how long the craft drifts; its others fly on, and after their plan drift too.
     """
     length = orbits * 2 * np.pi / problem.rate
-    arcs = []
+    grid = problem.step / min(PARTS, np.ceil(problem.step * problem.rate / 2 / np.pi / SHORT))
+    arcs, least = [], np.inf
     for node in range(problem.nodes):
         begin = node * problem.step
-        times = np.append(np.arange(0.0, length, problem.step / PARTS), length)
+        times = np.append(np.arange(0.0, length, grid), length)
         drift, _ = exact_steps(problem.rate, times)
         adrift = np.einsum("tij,nj->nti", drift[:, :3], states[:, node])
         flown = places(problem, states, controls, begin + times)
-        apart = np.linalg.norm(adrift[:, None] - flown[None], axis=-1)
+        gap = adrift[:, None] - flown[None]
+        apart = np.linalg.norm(gap, axis=-1)
+        moved = np.linalg.norm(np.diff(gap, axis=2), axis=-1)
+        lower = ((apart[..., 1:] + apart[..., :-1] - CURVED * moved) / 2).min(axis=-1)
         for lost, other in zip(*np.nonzero(~np.eye(len(states), dtype=bool)), strict=True):
             at = int(apart[lost, other].argmin())
             near = float(apart[lost, other, at])
+            least = min(least, near)
             around = times[max(at - 1, 0)], times[min(at + 1, len(times) - 1)]
-            arcs.append((near, int(lost), node, int(other), around))
-    least = min(arc[0] for arc in arcs)
+            arcs.append((lower[lost, other], (near, int(lost), node, int(other), around)))
     return min(
-        (_refined(problem, states, controls, *arc) for arc in arcs if arc[0] < least + NEAR),
+        (_refined(problem, states, controls, *arc) for lower, arc in arcs if lower < least),
         key=lambda one: one.distance,
     )
 

@@ -46,7 +46,7 @@ class Case:
         return self.step * (self.nodes - 1)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=16384)
 def exact_step(rate: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """What becomes of a state (6, 6), and of a held acceleration (6, 3), after some seconds."""
     flow = np.zeros((9, 9))  # of position, velocity and the acceleration, which stays

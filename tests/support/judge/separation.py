@@ -34,10 +34,12 @@ class Approaches:
     time: np.ndarray
 
 
-def closest_approaches(problem: Case, states: np.ndarray, controls: np.ndarray) -> Approaches:
-    """Of node states (n, T, 6) that fly under controls (n, T-1, 3)."""
+def closest_approaches(
+    problem: Case, states: np.ndarray, controls: np.ndarray, pairs: np.ndarray | None = None
+) -> Approaches:
+    """Of node states (n, T, 6) that fly under controls (n, T-1, 3); of some pairs (2, k) or all."""
     rate, intervals = problem.rate, problem.nodes - 1
-    first, second = np.triu_indices(len(states), 1)
+    first, second = np.triu_indices(len(states), 1) if pairs is None else pairs
     high, time = np.full((2, len(first)), np.inf)
     begin = (states[first] - states[second])[:, :-1].reshape(-1, 6)
     held = (controls[first] - controls[second]).reshape(-1, 3)
