@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
@@ -124,9 +124,15 @@ def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Benchmar
     ]
 
 
+@cache
+def rendezvous_optima() -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of the rendezvous with the ISS by sequential convex programs, as ``optima`` has them."""
+    return list(optima(transition(np.array(CHIEF), STEP)))
+
+
 def rendezvous() -> float:
-    """Δv of the rendezvous with the ISS by sequential convex programs, m/s."""
-    *_, (_, burns) = optima(transition(np.array(CHIEF), STEP))
+    """Δv of the last of these programs, m/s."""
+    _, burns = rendezvous_optima()[-1]
     return float(np.linalg.norm(burns, axis=0).sum())
 
 
@@ -207,11 +213,12 @@ def flown(scenario: Scenario, controls: Controls) -> np.ndarray:
         grid, force = (step, scenario.problem.intervals, PARTS), partial(relative.pull, j2=True)
         fly_on = relative.linear_flight(relative.state_of(*shape, angles), *grid, force)
         return fly_on(scenario.initial, controls).reshape(scenario.n, -1, 6)
-    begin, states = angles[3] - angles[2], [scenario.initial]
-    for k in range(scenario.problem.intervals):
-        here = relative.true_anomaly(*shape, begin, k * step), step
-        pushed = controls[:, k] @ relative.forced(*shape, *here).T
-        states.append(states[-1] @ relative.yamanaka_ankersen(*shape, *here).T + pushed)
+    since = step * np.arange(scenario.problem.intervals)
+    begins, states = relative.true_anomaly(*shape, angles[3] - angles[2], since), [scenario.initial]
+    for k, free in enumerate(relative.yamanaka_ankersen(*shape, begins, step)):
+        states.append(states[-1] @ free.T)
+        if controls[:, k].any():
+            states[-1] = states[-1] + controls[:, k] @ relative.forced(*shape, begins[k], step).T
     return np.stack(states, axis=1)
 
 
@@ -220,7 +227,7 @@ def clearance(scenario: Scenario, states: np.ndarray) -> float:
     asked, places = document_of(scenario), states[..., :3].reshape(-1, 3)
     ellipsoids = [np.array(one["semi_axes"]) for one in asked.get("obstacles", [])]
     apart = [float(outside(places, axes).min()) for axes in ellipsoids]
-    within = [inside(at, one) for one in asked.get("corridors", []) for at in places]
+    within = [float(inside(places, one).min()) for one in asked.get("corridors", [])]
     return min([np.inf, *apart, *within])
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from endless import endless
 from judge.keep_out import outside
-from koenig import transition
 from relative import linear_maps, pull, state_of, true_anomaly
 
 from benchmarks.peers import by_repair, required_module
@@ -24,7 +23,6 @@ from benchmarks.rendezvous import (
     PORT,
     START,
     STEP,
-    optima,
     relative,
 )
 from benchmarks.yardstick import (
@@ -36,6 +34,7 @@ from benchmarks.yardstick import (
     case_row,
     cost,
     judged,
+    rendezvous_optima,
     swarm_rows,
 )
 from pipeline.errors import InputError
@@ -118,7 +117,7 @@ def pulsed(file: str, *, last: bool) -> Scenario:
 @pytest.fixture(scope="module")
 def found():
     """Of Transformer-MPC's program: the optimum without the station, and those about it."""
-    return list(optima(transition(np.array(CHIEF), STEP)))
+    return rendezvous_optima()
 
 
 def test_the_rendezvous_in_pulses_costs_what_transformer_mpc_s_program_finds(found):
