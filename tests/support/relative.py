@@ -243,15 +243,18 @@ def linear_flight(
     states = _reference(begin, ends, force)
     A, B = _between(states[:-1], np.full(len(ends), step / parts), force)
     maps = np.concatenate([A, B], axis=-1).reshape(intervals, parts, 6, 9)
+    for part in range(1, parts):  # from where the interval begins
+        further = maps[:, part, :, :6] @ maps[:, part - 1]
+        further[..., 6:] += maps[:, part, :, 6:]
+        maps[:, part] = further
 
     def fly(states: np.ndarray, controls: np.ndarray) -> np.ndarray:
         flown = []
         for k in range(intervals):
-            row = [states]
-            for part in maps[k]:
-                row.append(np.concatenate([row[-1], controls[..., k, :]], axis=-1) @ part.T)
-            flown.append(np.stack(row, axis=-2))
-            states = row[-1]
+            both = np.concatenate([states, controls[..., k, :]], axis=-1)
+            later = (both @ maps[k].reshape(-1, 9).T).reshape(*states.shape[:-1], parts, 6)
+            flown.append(np.concatenate([states[..., None, :], later], axis=-2))
+            states = later[..., -1, :]
         return np.stack(flown, axis=-3)
 
     return fly

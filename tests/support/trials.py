@@ -32,7 +32,7 @@ class Flown:
 
     def least(self) -> np.ndarray:
         """The least distance in each trial."""
-        return np.sqrt(np.square(self.trials).sum(axis=-1).min(axis=-1))
+        return np.sqrt(np.einsum("ktc,ktc->kt", self.trials, self.trials).min(axis=-1))
 
     def passages(self, radius: float) -> np.ndarray:
         """How often n·Δp falls below a radius in each trial, n the planned direction; a trial that
@@ -145,8 +145,8 @@ def _hits(
     for pair, k in np.argwhere(near.any(axis=-1)):
         apart = flown[:, i[pair], k] - flown[:, j[pair], k]
         gap = apart @ flow[near[pair, k]].reshape(-1, 9).T
-        square = np.square(gap).reshape(len(gap), -1, 3).sum(axis=-1)
-        hit |= (square < problem.radius**2).any(axis=1)
+        gap = gap.reshape(len(gap), -1, 3)
+        hit |= (np.einsum("ktc,ktc->kt", gap, gap) < problem.radius**2).any(axis=1)
     return int(hit.sum())
 
 
