@@ -45,7 +45,7 @@ def test_clusters_of_one_scenario_share_programs_of_at_most_so_many_craft(monkey
 
 @pytest.mark.parametrize("limit", [None, 3e-3])
 def test_plans_by_joint_programs_cost_what_those_of_one_program_a_cluster_do(monkeypatch, limit):
-    scenarios = [draw("rings", 4, 60, k, Problem(max_acceleration=limit)) for k in range(4)]
+    scenarios = [draw("rings", 4, 60, k, Problem(max_acceleration=limit)) for k in range(2)]
     joint = [solve(scenario) for scenario in scenarios]
     monkeypatch.setattr(clusters, "JOINT", 0)
     single = [solve(scenario) for scenario in scenarios]
@@ -107,7 +107,7 @@ def test_half_spaces_about_some_craft_are_missed_by_as_much_as_those_about_all(a
 def test_plans_of_clusters_in_parts_are_safe_and_cost_what_whole_ones_do(
     monkeypatch, problem, asked, family, n
 ):
-    scenarios = [draw(family, 3, n, index, problem) for index in range(3)]
+    scenarios = [draw(family, 3, n, index, problem) for index in range(2)]
     whole = [solve(scenario, requirements=asked) for scenario in scenarios]
     monkeypatch.setattr("pipeline.expert.scp.VAST", 4)
     monkeypatch.setattr(clusters, "HOPS", 0)

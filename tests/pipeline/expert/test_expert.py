@@ -68,9 +68,8 @@ def test_a_thousand_craft_are_safe_by_the_judge():
             near |= cKDTree(there).query_pairs(PROBLEM.collision_radius + speed * times[1])
     assert len(near) > 100
     case = Case.of(document_of(plan.scenario))
-    for pair in map(list, near):
-        found = closest_approaches(case, plan.states[pair], plan.controls[pair])
-        assert found.low.min() > PROBLEM.collision_radius
+    found = closest_approaches(case, plan.states, plan.controls, np.array([*near]).T)
+    assert found.low.min() > PROBLEM.collision_radius
 
 
 @pytest.mark.parametrize("large", [3, 200])
@@ -327,7 +326,7 @@ def test_a_planner_before_the_expert_gives_the_seed_and_its_name():
 
 def test_more_starts_never_cost_fuel_and_sometimes_save_it():
     saved = []
-    for index in range(6):
+    for index in range(4):
         scenario = draw("rings", 3, 14, index, PROBLEM)
         once, often = solve(scenario), solve(scenario, settings=BEST)
         assert often.status == SOLVED
@@ -339,7 +338,7 @@ def test_more_starts_never_cost_fuel_and_sometimes_save_it():
 
 def test_a_plan_is_the_same_to_the_bit_alone_and_among_others():
     """Whatever their sizes; with seeds, too, and where a search goes on from other starts."""
-    sizes = [(1, 2), (6, 4), (20, 4), (130, 1)]  # more craft than are compared all with all
+    sizes = [(1, 1), (6, 3), (20, 3), (130, 1)]  # more craft than are compared all with all
     scenarios = [
         draw("rings", 5, n, index, PROBLEM) for n, count in sizes for index in range(count)
     ]

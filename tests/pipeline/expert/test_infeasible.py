@@ -39,7 +39,7 @@ def only_flight(scenario):
 def test_with_two_intervals_the_only_controls_are_the_answer(separation):
     problem, found = Problem(nodes=3, time_step=600.0), []
     i, j = np.triu_indices(6, 1)
-    for index in range(25):
+    for index in range(15):
         scenario = draw("rings", 5, 6, index, problem)
         flown, _ = only_flight(scenario)
         if separation == "nodes":

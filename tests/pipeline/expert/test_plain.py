@@ -20,7 +20,7 @@ from pipeline.plan.requirements import Requirements
 from pipeline.scenario import draw
 
 N = 10
-SCENARIOS = [draw("rings", 0, N, k, Problem()) for k in range(6)]
+SCENARIOS = [draw("rings", 0, N, k, Problem()) for k in range(4)]
 
 
 @pytest.fixture(scope="module")

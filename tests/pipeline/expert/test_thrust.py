@@ -251,7 +251,7 @@ def test_burns_as_large_as_the_bit_are_found_by_waypoints_far_from_both_ends():
 def test_burns_as_large_as_the_bit_are_the_same_alone_and_among_others():
     """Rounding decides which burns are dropped, and so which others make up for them."""
     thrust = Thrust(min_delta_v=0.02)
-    swarms = [with_thrust(draw("rings", 0, 5, k, Problem()), thrust) for k in (3, 4, 5)]
+    swarms = [with_thrust(draw("rings", 0, 3, k, Problem()), thrust) for k in (3, 4, 5)]
     for swarm, plan in zip(swarms, solve_many(swarms), strict=True):
         assert (plan.controls == solve(swarm).controls).all()
 
@@ -304,7 +304,8 @@ def test_a_signal_ends_a_search_for_burns_as_large_as_the_bit(monkeypatch):
 
 
 def least_with_bit(scenario, bit):
-    """Least fuel of thrusters that are off or at no less than a bit, by HiGHS' MILP, m/s²."""
+    """Least fuel of thrusters that are off or at no less than a bit, by HiGHS' MILP, m/s²; or
+    up to 0.1 % less, which it has proven."""
     reach, miss, unit = maps(scenario)
     directions = scenario.problem.thrust.directions
     m, K = scenario.problem.intervals, len(directions)
@@ -332,9 +333,9 @@ def least_with_bit(scenario, bit):
         constraints=limits,
         integrality=np.repeat([0, 1], m * K),
         bounds=Bounds(0, np.repeat([most_on, 1.0], m * K)),
-        options={"mip_rel_gap": 1e-5, "time_limit": 30},
+        options={"mip_rel_gap": 1e-3, "time_limit": 30},
     )
-    return unit * found.fun
+    return unit * found.mip_dual_bound
 
 
 def ways():

@@ -47,7 +47,7 @@ def test_the_first_assignment_is_the_cheapest_of_all_permutations(n, index, limi
 def test_a_thrust_limit_changes_who_goes_where():
     """The cheapest assignment breaks the limit, and the cheapest that keeps to it is another."""
     found = 0
-    for index in range(12):
+    for index in range(8):
         free = draw("independent", 5, 4, index, Problem(), "valid")
         limited = draw("independent", 5, 4, index, Problem(max_acceleration=8e-4), "valid")
         truth = every_order(limited)

@@ -118,7 +118,7 @@ def test_the_packaged_refiner_plans_right_after_installation():
 
 def test_an_effort_beyond_the_first_betters_the_refiners_plans():
     """By the judge's account of fuel, and no plan that the expert had to better is dearer."""
-    scenarios = drawn(8, 4, family="dense")
+    scenarios = drawn(8, 2, family="dense")
     taken = named_planner("refiner").plan(scenarios)
     for effort in ("default", "best"):
         plans = named_planner("refiner", effort=effort).plan(scenarios)

@@ -18,7 +18,7 @@ def test_planners_agree_on_what_a_thrust_limit_allows(limit):
     rng, problem = np.random.default_rng(0), Problem(max_acceleration=limit)
     initial = np.zeros((2, 6))
     initial[:, 1] = 0.0, 500.0
-    for _ in range(5):
+    for _ in range(3):
         controls = rng.uniform(-1, 1, size=(2, problem.intervals, 3))
         goal = fly(initial, controls, problem)[:, -1] - initial
         controls /= minimum_limits(initial, initial + goal, problem).max()
