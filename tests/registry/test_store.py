@@ -105,17 +105,18 @@ def test_without_a_home_which_mlflow_needs_a_sentence_says_so(fresh: Path) -> No
 
 
 def test_a_user_without_a_name_as_in_a_container_is_recorded_by_number_without_a_word(
-    fresh: Path,
+    fresh: Path, forked: Forked
 ) -> None:
     code = (
         "import pwd\ndef unknown(number):\n    raise KeyError(number)\npwd.getpwuid = unknown\n"
-        "import registry.store\nfrom mlflow.tracking.context.registry import resolve_tags\n"
+        "import importlib, registry\nimportlib.reload(registry)\n"
+        "from mlflow.tracking.context.registry import resolve_tags\n"
         "print(resolve_tags()['mlflow.user'])"
     )
     names = {"LOGNAME", "USER", "LNAME", "USERNAME"}
     given = {key: value for key, value in os.environ.items() if key not in names}
     given["HOME"] = str(fresh)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=given)
+    done = forked.run((), fresh, given, code=code)
     assert (done.stdout, done.stderr) == (f"{os.getuid()}\n", "")
 
 
