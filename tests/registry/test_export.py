@@ -1,6 +1,6 @@
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from cli.main import app
 from pipeline.dataset.examples import Examples
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import Model
-from pipeline.networks.onnx_export import traced
+from pipeline.networks.onnx_export import ExportedGraph, _traced_for, traced
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.transfer import straight_line
@@ -26,7 +26,28 @@ from registry.metrics import add_model_results
 from registry.models import resolve
 from registry.training import DatasetInfo, record_training
 
-pytestmark = pytest.mark.usefixtures("known_operators")
+pytestmark = pytest.mark.usefixtures("known_operators", "known_graphs")
+
+
+@pytest.fixture(scope="module")
+def graphs() -> dict[object, torch.onnx.ONNXProgram]:
+    """Cache of the graphs that have been traced, by model, output and number of craft."""
+    return {}
+
+
+@pytest.fixture
+def known_graphs(
+    graphs: dict[object, torch.onnx.ONNXProgram], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A graph that an earlier test had traced is written anew: to trace takes most of a second."""
+
+    def known(n: int | None, module: ExportedGraph, outputs: Sequence[str], model: Model) -> object:
+        what = model.digest, n, *outputs
+        if what not in graphs:
+            graphs[what] = _traced_for(n, module, outputs, model)
+        return graphs[what]
+
+    monkeypatch.setattr("pipeline.networks.onnx_export._traced_for", known)
 
 
 def export(*arguments: str) -> str:
@@ -105,16 +126,16 @@ def test_several_models_go_into_a_folder_under_their_own_names_for_any_one_size_
     folder: Path, ff1: Model, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
     record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
-    said = export("ff1", "lstm1", "--n", "12", "--out", "onboard/new")
+    said = export("ff1", "lstm1", "--n", "4", "--out", "onboard/new")  # more than in the training
 
     names = ["prolearn-ff1-v1.onnx", "prolearn-lstm1-v1.onnx"]
     wanted = {name + end for name in names for end in ("", ".md")}
     assert {path.name for path in (folder / "onboard" / "new").iterdir()} == wanted
     for name, model in zip(names, (ff1, trained_lstm.model), strict=True):
-        assert_answers_like(folder / "onboard" / "new" / name, model, 12)
-        assert session(folder / "onboard" / "new" / name).get_inputs()[0].shape == ["batch", 12, 6]
+        assert_answers_like(folder / "onboard" / "new" / name, model, 4)
+        assert session(folder / "onboard" / "new" / name).get_inputs()[0].shape == ["batch", 4, 6]
         assert f"{name}:" in said
-    assert said.count("for n = 12.") == 2
+    assert said.count("for n = 4.") == 2
     assert "exporting: 2/2" in said
 
 
