@@ -169,17 +169,6 @@ def test_the_slider_and_play_move_thirty_craft_to_where_they_are(browser, opened
     assert by(browser, "#play").text == "Play"
 
 
-def test_in_a_notebook_of_the_docs_the_bar_covers_nothing_of_the_motion(browser, opened):
-    swarm, craft = draw("rings", 0, 6, 0, Problem()), [Spacecraft(radius=2.0 + k) for k in range(6)]
-    opened(solve(replace(swarm, craft=tuple(craft))), width=700, height=HEIGHT)
-    edge = "return document.querySelector(arguments[0]).getBoundingClientRect()[arguments[1]]"
-    note, bar, below = (
-        browser.execute_script(edge, *of)
-        for of in ((".look .note", "bottom"), (".transport", "top"), (".transport", "bottom"))
-    )
-    assert note < bar < below == HEIGHT
-
-
 def test_the_closest_approach_is_seen_at_its_time_with_its_distance(browser, opened):
     scenario = draw("rings", 0, 10, 0, Problem())
     plan = solve(scenario)
@@ -282,31 +271,44 @@ def test_an_unsafe_plan_with_a_hostile_name_says_so_and_runs_nothing(browser, op
     assert titles and not any("hare" in title or "loud" in title for title in titles)
 
 
-def test_obstacles_are_drawn_where_they_drift_and_as_large_as_they_are(browser, opened):
+def test_obstacles_drift_and_are_as_large_as_they_are_and_craft_of_one_size_have_one_line(
+    browser, opened
+):
     problem = Problem()
     drift = (30.0, -80.0, 20.0, 0.0, -60 * problem.mean_motion, 0.01)
     debris = Obstacle("debris", drift, radius=10.0)
     target = Obstacle("target", (0.0,) * 6, semi_axes=(20.0, 60.0, 15.0), hold=True)
     inside = Corridor(Box((-900.0,) * 3, (900.0,) * 3), 0.0, 1200.0)
-    scenario = draw("rings", 0, 3, 0, problem)
-    plan = solve(replace(scenario, obstacles=(target, debris), corridors=(inside,)))
-    opened(plan)
+    bodies = {"craft": (Spacecraft(radius=9.0),) * 3, "obstacles": (target, debris)}
+    scenario = replace(draw("rings", 0, 3, 0, problem), **bodies, corridors=(inside,))
+    opened(solve(scenario))
+    shown = browser.execute_script("return document.getElementById('separation').layout")
+    assert shown["shapes"][1]["y0"] == 18.0
+    assert shown["annotations"][0]["text"] == "both radii 18 m"
     by(browser, "#time").send_keys("\ue010")  # the key End
     wait_for(browser, "return !state.due")  # drawn with the next frame
     centres = browser.execute_script(CENTRES, 5)
     truth = exact_step(problem.mean_motion, 1200.0)[0][:3] @ np.array(drift)
     assert np.allclose(centres[3], 0, atol=0.02)
     assert np.allclose(centres[4], truth, atol=0.02)
-    assert browser.execute_script(RADIUS, 5) == pytest.approx(7.5, abs=0.01)
+    assert browser.execute_script(RADIUS, 5) == pytest.approx(9.0, abs=0.01)
     lines = browser.execute_script("return document.getElementById('space').data[5].x")
     assert {900.0, -900.0} <= set(lines)
 
 
-def test_where_radii_differ_each_pair_has_a_line_of_its_own(browser, opened):
-    radii = [7.5, 2.0, 12.0]
+def test_as_in_a_notebook_the_bar_covers_no_motion_and_pairs_of_other_radii_have_other_lines(
+    browser, opened
+):
+    radii = [2.0 + k for k in range(6)]
     craft = tuple(Spacecraft(radius=one) for one in radii)
-    scenario = replace(draw("rings", 0, 3, 0, Problem()), craft=craft)
-    opened(solve(scenario))
+    scenario = replace(draw("rings", 0, 6, 0, Problem()), craft=craft)
+    opened(solve(scenario), width=700, height=HEIGHT)
+    edge = "return document.querySelector(arguments[0]).getBoundingClientRect()[arguments[1]]"
+    note, bar, below = (
+        browser.execute_script(edge, *of)
+        for of in ((".look .note", "bottom"), (".transport", "top"), (".transport", "bottom"))
+    )
+    assert note < bar < below == HEIGHT
     shown = browser.execute_script("return document.getElementById('separation').layout")
     levels = [one["y0"] for one in shown["shapes"] if one["y0"] == one["y1"]]
     pairs = browser.execute_script("return data.pairs")
@@ -336,11 +338,3 @@ def test_labels_near_the_bottom_lie_on_no_line(browser, opened):
         assert len(labels) == len(lines) == 2
         for top, bottom in labels:
             assert not any(top + 3 < (a + b) / 2 < bottom - 3 for a, b in lines), bound
-
-
-def test_radii_of_one_size_are_one_line(browser, opened):
-    craft = (Spacecraft(radius=5.0),) * 3
-    opened(solve(replace(draw("rings", 0, 3, 0, Problem()), craft=craft)))
-    shown = browser.execute_script("return document.getElementById('separation').layout")
-    assert shown["shapes"][1]["y0"] == 10.0
-    assert shown["annotations"][0]["text"] == "both radii 10 m"
