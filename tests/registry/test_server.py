@@ -82,22 +82,6 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)
 
 
-def test_a_server_whose_address_has_a_password_is_used_with_it_and_named_without(
-    server: Started, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    uri = os.environ["MLFLOW_TRACKING_URI"].replace("://", "://robot:pa55word@")
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    run_id = record(EVALUATION, pd.DataFrame({"n": [2]}), params={"data": uri})
-    assert latest(EVALUATION).run_id == run_id
-    assert "pa55word" not in str(latest(EVALUATION).params)
-
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    with pytest.raises(ProlearnError, match=r"http://127\.0\.0\.1.* failed") as caught, opened():
-        end(server)
-        mlflow.MlflowClient().search_experiments()
-    assert "pa55word" not in str(caught.value)
-
-
 DIES = """
 import os, signal
 from registry.store import recorded_run
@@ -108,9 +92,10 @@ with recorded_run(connect(), EVALUATION, "killed", {}):
 """
 
 
-def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_open(
-    server: Started, folder: Path, child: Callable[[str], int]
+def test_a_server_has_runs_of_this_machine_closed_and_is_named_without_its_password(
+    server: Started, folder: Path, child: Callable[[str], int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Runs that a killed process left open are closed; the password in an address is used."""
     store = connect()
     elsewhere = store.client.create_run(
         store.experiments[EVALUATION], run_name="elsewhere", tags={"writer.0123": "far"}
@@ -126,6 +111,18 @@ def test_on_a_server_runs_of_this_machine_are_closed_that_a_killed_process_left_
             "killed": "KILLED",
         }
     assert list(folder.glob("prolearn-*")) == []
+
+    uri = os.environ["MLFLOW_TRACKING_URI"].replace("://", "://robot:pa55word@")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    run_id = record(EVALUATION, pd.DataFrame({"n": [2]}), params={"data": uri})
+    assert latest(EVALUATION).run_id == run_id
+    assert "pa55word" not in str(latest(EVALUATION).params)
+
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    with pytest.raises(ProlearnError, match=r"http://127\.0\.0\.1.* failed") as caught, opened():
+        end(server)
+        mlflow.MlflowClient().search_experiments()
+    assert "pa55word" not in str(caught.value)
 
 
 def test_weights_are_kept_where_the_server_is_away_from_the_start(
