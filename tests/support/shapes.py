@@ -6,7 +6,7 @@ some that were right before, they are right again; so are they where their shape
 other sizes in the same places.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable
+from collections.abc import Callable, Collection, Hashable
 from functools import cache, partial, wraps
 from operator import attrgetter
 from re import findall
@@ -149,19 +149,15 @@ class Patterns:
             both = self._pattern((given, kind), {})
             self._known |= {both[0], both}
 
-    def _pattern(self, kind: Iterable[Hashable], sizes: dict[int, int]) -> tuple[Hashable, ...]:
+    def _pattern(self, kind: tuple[Hashable, ...], sizes: dict[int, int]) -> tuple[Hashable, ...]:
         """A call's types and sizes, with the free sizes numbered -1, -2, ... as they appear."""
-        named = self._named
-        return tuple(
-            [
-                self._pattern(one, sizes)
-                if isinstance(one, tuple)
-                else one
-                if type(one) is not int or one in named
-                else sizes.setdefault(one, -1 - len(sizes))
-                for one in kind
-            ]
-        )
+        found: list[Hashable] = []
+        for one in kind:
+            if type(one) is int and one not in self._named:
+                found.append(sizes.setdefault(one, -1 - len(sizes)))
+            else:
+                found.append(self._pattern(one, sizes) if isinstance(one, tuple) else one)
+        return tuple(found)
 
 
 NESTED: dict[Hashable, Memory] = {}
