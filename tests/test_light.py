@@ -1,5 +1,6 @@
 """A light installation plans, checks, flies and shows; what needs more says which extra has it."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -70,20 +71,58 @@ def link(found, packages):
                 place.symlink_to(path)  # the tests may lie on another file system
 
 
-def test_types_are_seen_where_it_is_installed_in_place(light, tmp_path, monkeypatch):
+@pytest.fixture
+def mypy(tmp_path_factory, tmp_path, monkeypatch):
+    """Checks a text by mypy as in an environment; that is empty, and where its packages will be.
+
+    Of modules that are the same in two environments mypy remembers what it has found.
+    """
     monkeypatch.delenv("PYTHONPATH", raising=False)  # by which mypy would find these files
-    (tmp_path / "use.py").write_text("import prolearn\nasked: int = prolearn.read_plan('p.json')\n")
     made = run(sys.executable, "-m", "venv", "--without-pip", "venv", folder=tmp_path)
     assert made.returncode == 0, made.stderr
     (packages,) = tmp_path.glob("venv/lib/python*/site-packages")
+    cache = tmp_path_factory.getbasetemp() / "mypy"
+
+    def check(text):
+        (tmp_path / "typed.py").write_text(text)
+        options = ("--strict", "--python-executable", "venv/bin/python", "--cache-dir", cache)
+        return run(sys.executable, "-m", "mypy", *options, "typed.py", folder=tmp_path).stdout
+
+    return check, packages
+
+
+def test_types_are_seen_where_it_is_installed_in_place(light, mypy):
+    check, packages = mypy
     install = ("install", "--quiet", "--no-deps", "--no-build-isolation", "--target", packages)
     editable = ("--editable", light / "source")
-    done = run(sys.executable, "-m", "pip", *install, *editable, folder=tmp_path)
+    done = run(sys.executable, "-m", "pip", *install, *editable, folder=light)
     assert done.returncode == 0, done.stderr
-    options = ("--strict", "--python-executable", "venv/bin/python")
-    done = run(sys.executable, "-m", "mypy", *options, "use.py", folder=tmp_path)
-    (fault, _) = done.stdout.splitlines()
-    assert 'expression has type "Plan", variable has type "int"' in fault, done.stdout
+    said = check("import prolearn\nasked: int = prolearn.read_plan('p.json')\n")
+    (fault, _) = said.splitlines()
+    assert 'expression has type "Plan", variable has type "int"' in fault, said
+
+
+TYPED = """
+import prolearn
+plan = prolearn.plan(prolearn.scenario([prolearn.Ring(size=1.0, craft=2)], [[0.0] * 6]))
+reveal_type(plan)
+reveal_type(plan.certificate.min_separation)
+prolearn.plan("swarm.json")
+prolearn.Ring(siez=1.0)
+"""
+
+
+def test_mypy_sees_the_types_of_an_installed_package(light, mypy):
+    """Without the packages that it needs, all of which mypy would look at, too."""
+    check, packages = mypy
+    (installed,) = light.glob("venv/lib/python*/site-packages")
+    for folder in (*installed.glob("prolearn-*.dist-info"), *map(installed.joinpath, PACKAGES)):
+        shutil.copytree(folder, packages / folder.name)
+    said = check(TYPED)
+    assert 'Revealed type is "pipeline.plan.plan.Plan"' in said
+    assert 'Revealed type is "float | None"' in said
+    assert 'typed.py:6: error: Argument 1 to "plan"' in said
+    assert "typed.py:7: error" in said and "typed.py:3" not in said
 
 
 @pytest.fixture(scope="module")
@@ -94,13 +133,36 @@ def rings(light):
     return light / "s.json"
 
 
+SEVERAL = """
+import json, os, sys
+from cli.main import app
+
+for k, arguments in enumerate(json.loads(sys.argv[1])):
+    if child := os.fork():
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        continue
+    said = os.open(f"{k}.txt", os.O_WRONLY | os.O_CREAT)
+    for stream in (1, 2):
+        os.dup2(said, stream)
+    sys.argv = ["prolearn", *arguments]
+    app()
+"""
+"""Runs commands one after the other, each forked from a process that has imported them."""
+
+
 @pytest.fixture
 def prolearn(light, rings, tmp_path):
-    def command(*arguments):
-        return run(light / "venv/bin/prolearn", *arguments, folder=tmp_path)
-
+    """Run commands in a folder with a scenario; the exit status of each, and what it said."""
     shutil.copy(rings, tmp_path)
-    return command
+
+    def several(commands):
+        asked = ("-u", "-c", SEVERAL, json.dumps(commands))
+        done = run(light / "venv/bin/python", *asked, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        statuses = map(int, done.stdout.split())
+        return [(status, (tmp_path / f"{k}.txt").read_text()) for k, status in enumerate(statuses)]
+
+    return several
 
 
 def test_it_has_ten_direct_dependencies_and_at_most_450_mb(light):
@@ -114,47 +176,39 @@ def test_it_has_ten_direct_dependencies_and_at_most_450_mb(light):
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
+def test_it_checks_plans_trades_off_flies_shows_and_converts(prolearn, tmp_path):
+    plan = ("plan", "s.json", "--out", "p.json")
+    commands = [
         ("scenario", "check", "s.json"),
-        ("plan", "s.json", "--out", "p.json", "--passive-safety", "0.5"),
-        ("plan", "s.json", "--out", "p.json", "--assignment", "optimal", "--json"),
-        ("plan", "s.json", "--out", "p.json", "--risk", "0.01", "--navigation-sigma", "0.1"),
+        (*plan, "--passive-safety", "0.5"),
+        (*plan, "--assignment", "optimal", "--json"),
+        (*plan, "--risk", "0.01", "--navigation-sigma", "0.1"),
         ("tradeoff", "s.json", "--duration", "20..24min", "--steps", "2"),
-    ],
-)
-def test_it_checks_plans_and_trades_off(prolearn, command):
-    done = prolearn(*command)
-    assert done.returncode == 0, done.stderr
-
-
-def test_it_flies_shows_and_converts(prolearn, tmp_path):
-    assert prolearn("plan", "s.json", "--out", "p.json").returncode == 0
-    for command in (("fly",), ("show",), ("convert", "--to", "csv")):
-        done = prolearn(command[0], "p.json", *command[1:])
-        assert done.returncode == 0, done.stderr
+        plan,
+        ("fly", "p.json"),
+        ("show", "p.json"),
+        ("convert", "p.json", "--to", "csv"),
+    ]
+    for command, (status, said) in zip(commands, prolearn(commands), strict=True):
+        assert status == 0, (command, said)
     assert (tmp_path / "p.html").stat().st_size > 100_000
     assert (tmp_path / "p.csv").read_text().startswith("craft,node,time_s,x,y,z")
 
 
-@pytest.mark.parametrize(
-    ("command", "extra"),
-    [
-        (("plan", "s.json", "--out", "p.json", "--planner", "refiner"), "refiner"),
-        (("plan", "s.json", "--out", "p.json", "--planner", "lstm2"), "learn"),
-        (("sample", "--n", "3", "--count", "2", "--out", "d"), "learn"),
-        (("train", "--arch", "ff1"), "learn"),
-        (("models", "list"), "learn"),
-        (("models", "export", "packaged"), "onnx"),
-        (("report",), "learn"),
-    ],
-)
-def test_what_needs_more_says_which_extra_in_a_sentence(prolearn, command, extra):
-    done = prolearn(*command)
-    assert done.returncode == 2
-    assert f"pip install 'prolearn[{extra}]'" in done.stderr
-    assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+def test_what_needs_more_says_which_extra_in_a_sentence(prolearn):
+    extras = {
+        ("plan", "s.json", "--out", "p.json", "--planner", "refiner"): "refiner",
+        ("plan", "s.json", "--out", "p.json", "--planner", "lstm2"): "learn",
+        ("sample", "--n", "3", "--count", "2", "--out", "d"): "learn",
+        ("train", "--arch", "ff1"): "learn",
+        ("models", "list"): "learn",
+        ("models", "export", "packaged"): "onnx",
+        ("report",): "learn",
+    }
+    for command, (status, said) in zip(extras, prolearn([*extras]), strict=True):
+        assert status == 2, command
+        assert f"pip install 'prolearn[{extras[command]}]'" in said, command
+        assert said.count("\n") == 1 and "Traceback" not in said, command
 
 
 SCRIPT = """
@@ -178,26 +232,6 @@ for ask in asked:
 def test_it_works_from_python(light, tmp_path):
     done = run(light / "venv/bin/python", "-c", SCRIPT, folder=tmp_path)
     assert done.returncode == 0, done.stderr
-
-
-TYPED = """
-import prolearn
-plan = prolearn.plan(prolearn.scenario([prolearn.Ring(size=1.0, craft=2)], [[0.0] * 6]))
-reveal_type(plan)
-reveal_type(plan.certificate.min_separation)
-prolearn.plan("swarm.json")
-prolearn.Ring(siez=1.0)
-"""
-
-
-def test_mypy_sees_the_types_of_an_installed_package(light, tmp_path):
-    (tmp_path / "typed.py").write_text(TYPED)
-    asked = ("--python-executable", light / "venv/bin/python", "--follow-imports", "silent")
-    done = run(sys.executable, "-m", "mypy", *asked, "typed.py", folder=tmp_path)
-    assert 'Revealed type is "pipeline.plan.plan.Plan"' in done.stdout
-    assert 'Revealed type is "float | None"' in done.stdout
-    assert 'typed.py:6: error: Argument 1 to "plan"' in done.stdout
-    assert "typed.py:7: error" in done.stdout and "typed.py:3" not in done.stdout
 
 
 def test_the_extras_that_messages_name_are_those_that_bring_the_packages():

@@ -1,14 +1,13 @@
 """What is installed: four import packages of one distribution, and a light command line."""
 
 import importlib.metadata
-import os
+import json
 import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
-import pytest
 import yaml
 
 from pipeline.orbit.problem import Problem
@@ -26,9 +25,10 @@ def test_the_citation_and_the_newest_entry_of_the_changelog_have_the_version_of_
     assert yaml.safe_load(citation)["version"] == released[0] == version
 
 
-@pytest.mark.parametrize("package", ["prolearn", "pipeline", "registry", "cli"])
-def test_the_import_packages_belong_to_prolearn_alone(package):
-    assert set(importlib.metadata.packages_distributions()[package]) == {"prolearn"}
+def test_the_import_packages_belong_to_prolearn_alone():
+    distributions = importlib.metadata.packages_distributions()
+    for package in ("prolearn", "pipeline", "registry", "cli"):
+        assert set(distributions[package]) == {"prolearn"}, package
 
 
 def test_the_console_script_is_the_application():
@@ -36,80 +36,83 @@ def test_the_console_script_is_the_application():
     assert [script.value for script in scripts] == ["cli.main:app"]
 
 
-HELP = """
-import os, sys
+COMMANDS = """
+import json, os, sys
 from cli.main import app
 
-for command in sys.argv[1:]:
+asked = json.loads(sys.argv[1])
+for folder, line in asked["commands"]:
     if child := os.fork():
-        assert os.waitpid(child, 0)[1] == 0, command
+        assert os.waitpid(child, 0)[1] == 0, line
         continue
-    sys.argv = ["prolearn", *command.split(), "--help"]
+    os.chdir(folder)
+    os.environ["XDG_CACHE_HOME"] = folder
+    sys.argv = ["prolearn", *line.split()]
     try:
         app()
     except SystemExit as end:
         assert end.code == 0
-    heavy = {"torch", "mlflow", "cvxpy", "clarabel", "pandas", "matplotlib", "scipy"}
-    found = heavy & set(sys.modules)
-    assert not found, found
     sys.stdout.flush()
+    print(json.dumps(sorted({*asked["packages"]} & {*sys.modules})), file=sys.stderr, flush=True)
     os._exit(0)
 """
-"""Shows help in a process for each command, all forked from one that has imported the commands."""
 
 
-def test_help_imports_no_heavy_package():
-    commands = ["", "train", "evaluate", "plan", "tradeoff", "show", "convert"]
-    commands += ["scenario check", "dataset card", "models list"]
-    asked = [sys.executable, "-c", HELP, *commands]
-    done = subprocess.run(asked, capture_output=True, text=True)
+def imported(packages, *commands):
+    """Those of some packages that each command has imported, and all that the commands say.
+
+    Each, of a folder and a line, is run by a process forked from one with the commands alone.
+    """
+    asked = json.dumps({"packages": packages, "commands": commands})
+    done = subprocess.run([sys.executable, "-c", COMMANDS, asked], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("Usage: prolearn") == len(commands)
+    return [json.loads(line) for line in done.stderr.splitlines()], done.stdout
 
 
-def heavy_in_a_plan(planner, folder):
-    """The heavy packages that a process has imported when it has planned ten craft."""
-    write_scenario(folder / "s.json", draw("rings", 0, 10, 0, Problem()))
-    code = (
-        "import sys\n"
-        "from cli.main import app\n"
-        f"sys.argv = 'prolearn plan s.json --out p.json --planner {planner}'.split()\n"
-        "try:\n    app()\nexcept SystemExit as end:\n    assert end.code == 0\n"
-        "heavy = {'torch', 'mlflow', 'cvxpy', 'pandas', 'matplotlib', 'jinja2', 'numba', 'scipy'}\n"
-        "heavy |= {'scipy.integrate', 'scipy.optimize', 'scipy.sparse.csgraph', 'scipy.stats'}\n"
-        "print(*sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
-    )
-    home = {**os.environ, "XDG_CACHE_HOME": str(folder)}
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=home)
-    assert done.returncode == 0, done.stderr
-    return done.stderr.split()
+def test_help_imports_no_heavy_package(tmp_path):
+    names = ["", "train", "evaluate", "plan", "tradeoff", "show", "convert"]
+    names += ["scenario check", "dataset card", "models list"]
+    heavy = ["torch", "mlflow", "cvxpy", "clarabel", "pandas", "matplotlib", "scipy"]
+    found, said = imported(heavy, *((str(tmp_path), f"{name} --help") for name in names))
+    assert found == [[]] * len(names), dict(zip(names, found, strict=True))
+    assert said.count("Usage: prolearn") == len(names)
 
 
-@pytest.mark.parametrize("planner", ["expert", "decoupled-optimum"])
-def test_the_first_plan_on_a_time_grid_imports_scipy_and_others_no_heavy_package(planner, tmp_path):
-    assert heavy_in_a_plan(planner, tmp_path) == ["scipy"]
-    assert heavy_in_a_plan(planner, tmp_path) == []
+def test_plans_import_scipy_the_first_time_on_a_grid_and_numba_for_the_refiner_alone(tmp_path):
+    """Of ten craft. Numba imports SciPy."""
+    heavy = ["torch", "mlflow", "cvxpy", "pandas", "matplotlib", "jinja2", "numba", "scipy"]
+    heavy += ["scipy.integrate", "scipy.optimize", "scipy.sparse.csgraph", "scipy.stats"]
+    planners = ["expert", "expert", "decoupled-optimum", "decoupled-optimum", "refiner"]
+    for planner in {*planners}:
+        (tmp_path / planner).mkdir()
+        write_scenario(tmp_path / planner / "s.json", draw("rings", 0, 10, 0, Problem()))
+    line = "plan s.json --out p.json --planner {}"
+    found, _ = imported(heavy, *((str(tmp_path / one), line.format(one)) for one in planners))
+    first, again = ["scipy"], []
+    assert found == [first, again, first, again, ["numba", "scipy"]]
 
 
-def test_planning_by_the_refiner_imports_numba_which_imports_scipy(tmp_path):
-    assert heavy_in_a_plan("refiner", tmp_path) == ["numba", "scipy"]
+APART = """
+import os, sys
+
+def without(unneeded):
+    assert not unneeded & {*sys.modules}, unneeded & {*sys.modules}
+
+import pipeline.dataset.verifying, pipeline.experiments.flights
+unneeded = {"mlflow", "jinja2", "matplotlib"}
+without(unneeded | {"torch"})
+if child := os.fork():
+    import cli.jobs.training
+    without(unneeded)
+    assert os.waitpid(child, 0)[1] == 0
+else:
+    import cli.jobs.report
+    without({"torch"})
+os._exit(0)  # to take apart all that was imported takes as long as half of it
+"""
 
 
-def test_workers_import_nothing_that_they_do_not_need():
-    """Neither those that verify and fly, nor, thereafter in the same process, those that train."""
-    unneeded = {"mlflow", "jinja2", "matplotlib"}
-    code = (
-        "import sys, pipeline.dataset.verifying, pipeline.experiments.flights\n"
-        f"assert not {unneeded | {'torch'}} & set(sys.modules)\n"
-        "import cli.jobs.training\n"
-        f"assert not {unneeded} & set(sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-
-
-def test_lists_of_models_and_reports_import_no_torch():
-    code = "import sys, cli.jobs.report\nassert 'torch' not in sys.modules, 'torch is imported'"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+def test_workers_import_nothing_that_they_do_not_need_and_lists_and_reports_no_torch():
+    """Neither workers that verify and fly, nor, then in the same process, those that train."""
+    done = subprocess.run([sys.executable, "-c", APART], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
