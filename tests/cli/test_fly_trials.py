@@ -42,17 +42,25 @@ def plan(made, tmp_path):
     return made
 
 
+@pytest.fixture(scope="module")
+def flown(forked, made, tmp_path_factory):
+    """It and a folder in which it is flown in three ways, and what the command said."""
+    folder = tmp_path_factory.mktemp("flown")
+    write_plan(folder / "plan.json", made)
+    done = forked.run(["fly", "plan.json", *TRIALS, "--replan", "every-node", "--json"], folder)
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
 def rows(folder, loop):
     found = pyarrow.dataset.dataset(folder / f"loop={loop.replace(' ', '-')}")
     return found.to_table().to_pandas()
 
 
-def test_three_ways_to_fly_are_in_one_table_that_the_trials_bear_out(prolearn, plan, tmp_path):
-    done = prolearn("fly", "plan.json", *TRIALS, "--replan", "every-node", "--json")
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    folder = tmp_path / "plan-flown"
+def test_three_ways_to_fly_are_in_one_table_that_the_trials_bear_out(flown):
+    folder, told = flown
     assert (told["plan"], told["folder"]) == ("plan.json", "plan-flown")
+    folder /= "plan-flown"
     assert [one["loop"] for one in told["loops"]] == LOOPS
     table = pd.read_csv(folder / "trials.csv")
     for k, one in enumerate(told["loops"]):
@@ -142,23 +150,22 @@ def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(prolearn, plan, 
 
 
 @pytest.mark.system
-def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, forked, tmp_path):
-    asked = ["fly", "plan.json", "--trials", "51", "--replan", "every-node"]
-    assert prolearn(*asked, "--out", "whole", "--jobs", "1").returncode == 0
+def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, flown, forked, tmp_path):
+    asked = ["fly", "plan.json", *TRIALS, "--replan", "every-node", "--out", "killed"]
     with (tmp_path / "said").open("w") as said:
-        run = forked.start(LEAD, tmp_path, said, [*asked, "--out", "killed", "--jobs", "1"])
+        run = forked.start(LEAD, tmp_path, said, asked)
     killed = tmp_path / "killed"
     end = time.monotonic() + 60
     while not list(killed.glob("loop=*/part-*.parquet")) and time.monotonic() < end:
         time.sleep(0.005)
     run.kill()
     assert run.wait() == -signal.SIGKILL
-    done = prolearn(*asked, "--out", "killed", "--jobs", "1")
+    done = prolearn(*asked)
     assert done.returncode == 0, done.stderr
     files = sorted(path.relative_to(killed) for path in killed.glob("loop=*/*"))
     assert len(files) == 3 * 2
     for name in [*files, "trials.svg", "trials.png"]:
-        assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+        assert (killed / name).read_bytes() == (flown[0] / "plan-flown" / name).read_bytes()
 
 
 REPLANNED = ("--trials", "1", "--jobs", "1", "--replan", "every-node", "--json")

@@ -2,6 +2,7 @@
 
 import os
 import select
+import shutil
 import signal
 import time
 from contextlib import suppress
@@ -117,8 +118,6 @@ def until(holds, seconds=30.0):
 def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
     busy, tmp_path, forked
 ):
-    import shutil
-
     from pipeline.dataset.making import solve
     from pipeline.expert import Settings
     from pipeline.parallel.workers import Workers
@@ -138,17 +137,23 @@ def test_a_killed_worker_costs_a_sentence_and_the_run_goes_on_to_the_same_bytes(
     assert content(busy) == content(alone)
 
 
-@pytest.fixture
-def weighty(tmp_path):
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
     """A folder whose shards are larger than a pipe holds, so that a worker gets them in parts."""
     from pipeline.dataset.making import sample
     from pipeline.dataset.samples import Sample
     from pipeline.orbit.problem import Problem
 
-    folder = tmp_path / "weighty"
+    folder = tmp_path_factory.mktemp("drawn") / "weighty"
     sample(folder, {30: Sample(count=320, shard_rows=80)}, Problem(), workers=Workers(1))
     assert (folder / "_scenarios/n=30/part-00000.parquet").stat().st_size > 2**17
     return folder
+
+
+@pytest.fixture
+def weighty(drawn, tmp_path):
+    """A copy of that."""
+    return Path(shutil.copytree(drawn, tmp_path / "weighty"))
 
 
 def started(forked, folder):
