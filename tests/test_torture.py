@@ -7,6 +7,8 @@ pytestmark = pytest.mark.system
 
 
 @pytest.mark.timeout(900)
-def test_kills_and_damaged_files_lose_nothing_and_go_by_in_silence_nowhere(tmp_path, forked):
-    tally = torture(tmp_path, forked, seed=0, kills=2, flips=4)
+def test_kills_and_damaged_files_lose_nothing_and_go_by_in_silence_nowhere(
+    tmp_path, forked, migrated
+):
+    tally = torture(tmp_path, forked, seed=0, kills=2, flips=4, store=migrated)
     assert tally.bad == 0, "\n".join(tally.stories)

@@ -16,10 +16,15 @@ MARK = "<!-- made by make torture -->"
 """What stands before and after the table in the page that has it."""
 
 
-def torture(scratch: Path, commands: Forked, seed: int, kills: int, flips: int) -> Tally:
-    """Interrupt commands and damage files so many times; others in proportion."""
+def torture(
+    scratch: Path, commands: Forked, seed: int, kills: int, flips: int, store: Path | None = None
+) -> Tally:
+    """Interrupt commands and damage files so many times; others in proportion.
+
+    An empty store saves the making of one.
+    """
     tally = Tally()
-    bench = Bench(scratch, commands)
+    bench = Bench(scratch, commands, store)
     interruption, damage = Interruption(bench, seed, tally), Damage(bench, seed, tally)
     for kind, share in ((KILLED, 1.0), (TERMINATED, 0.3), (FULL, 0.4)):
         interruption.many(kind, round(share * kills))

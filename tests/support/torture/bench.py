@@ -20,10 +20,10 @@ class Bench:
         usual: what commands that read say of the undisturbed project.
     """
 
-    def __init__(self, scratch: Path, commands: Forked) -> None:
+    def __init__(self, scratch: Path, commands: Forked, store: Path | None) -> None:
         self.project, self.tried = scratch / "project", scratch / "tried"
         self._commands = commands
-        make(self.tried, commands)
+        make(self.tried, commands, store)
         self.tried.rename(self.project)
         self.fresh()
         self.usual = {arguments: untimed(self.run(*arguments)[1]) for arguments in (FLY, *READERS)}

@@ -74,12 +74,14 @@ def environment() -> dict[str, str]:
     return kept | ENVIRONMENT
 
 
-def make(folder: Path, commands: Forked) -> None:
-    """Make the project in a folder."""
+def make(folder: Path, commands: Forked, store: Path | None) -> None:
+    """Make the project in a folder, with a copy of an empty store if there is one."""
     one = Workers(jobs=1)
     sample(folder / "data", SAMPLES, PROBLEM, workers=Workers(1))
     shutil.copytree(folder / "data", folder / "sampled")
     solve(folder / "data", Settings(), workers=one)
+    if store:
+        shutil.copy(store, folder / "mlflow.db")
     for arguments in MADE_BY:
         done = commands.run([*arguments], folder, environment())
         assert done.returncode == 0, done.stderr
