@@ -211,13 +211,18 @@ def export_craft(
     """Write the steps that one craft of a refiner runs, as ``begin.onnx`` and so on.
 
     Files of these names are replaced; each has the JSON values ``about`` in its metadata.
-    InputError where onnx or onnxruntime is not installed, the folder is a file, or the time grid is
-    too fine for a table of optimal bases. ProlearnError where a step cannot be exported, or a swarm
-    whose craft run them gets other controls.
+    InputError where onnx or onnxruntime is not installed, the folder is a file, or the time grid
+    has two intervals or is too fine for a table of optimal bases. ProlearnError where a step cannot
+    be exported, or a swarm whose craft run them gets other controls.
     """
     if folder.is_file():
         raise InputError(f"{folder} is a file; expected a folder for the files of a refiner.")
     network = model.network
+    if model.problem.intervals == 2:
+        raise InputError(
+            "the refiner was trained on transfers of two intervals, which one pair of burns makes; "
+            "expected three or more, so that there is something to refine."
+        )
     if facets_of(model.problem) is None:
         raise InputError(
             f"the refiner was trained on {model.problem.intervals} intervals about an orbit where "

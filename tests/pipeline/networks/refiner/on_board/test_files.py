@@ -25,6 +25,7 @@ from pipeline.networks.refiner.on_board_export import (
     swarm_controls,
 )
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import fly
 from pipeline.provenance import made_with
 from pipeline.scenario import draw
@@ -156,3 +157,19 @@ def test_a_file_in_the_folder_s_place_is_left_alone(model, tmp_path):
     with pytest.raises(InputError, match="is a file; expected a folder"):
         export_craft(model, tmp_path / "craft")
     assert (tmp_path / "craft").read_text() == "mine"
+
+
+OBLATE = PROBLEM.about(ReferenceOrbit(7e6, inclination_deg=51.6))
+
+
+@pytest.mark.parametrize(
+    ("other", "why"),
+    [
+        (replace(PROBLEM, nodes=3), "two intervals, which one pair of burns makes"),
+        (replace(OBLATE, nodes=61, time_step=20.0), "60 intervals about an orbit where all motion"),
+    ],
+)
+def test_a_time_grid_without_a_table_or_a_choice_is_refused(model, tmp_path, other, why):
+    with pytest.raises(InputError, match=why):
+        export_craft(model.on(other), tmp_path)
+    assert not [*tmp_path.iterdir()]
