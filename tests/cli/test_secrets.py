@@ -70,9 +70,9 @@ def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     run(*evaluate)
     assert "Evaluated before" in run(*evaluate, "--resume")
     run("warmstart", "--data", URL, "--n", 4, "--trials", 1)
-    run("report", "--out", "report")  # before experiments of which it takes longer to draw figures
     run("transfer-times", "--data", URL, "--n", 4, "--nodes", "6", "--trials", 1, "--jobs", 1)
     run("flights", "--data", URL, "--n", 4, "--trials", 1, "--flights", 1, "--jobs", 1)
+    run("report", "--out", "report")
     assert "memory://box/my n4" in run("models", "show", "ff1")
     run("models", "list")
 

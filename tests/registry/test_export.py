@@ -126,16 +126,16 @@ def test_several_models_go_into_a_folder_under_their_own_names_for_any_one_size_
     folder: Path, ff1: Model, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
     record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
-    said = export("ff1", "lstm1", "--n", "4", "--out", "onboard/new")  # more than in the training
+    said = export("ff1", "lstm1", "--n", "12", "--out", "onboard/new")
 
     names = ["prolearn-ff1-v1.onnx", "prolearn-lstm1-v1.onnx"]
     wanted = {name + end for name in names for end in ("", ".md")}
     assert {path.name for path in (folder / "onboard" / "new").iterdir()} == wanted
     for name, model in zip(names, (ff1, trained_lstm.model), strict=True):
-        assert_answers_like(folder / "onboard" / "new" / name, model, 4)
-        assert session(folder / "onboard" / "new" / name).get_inputs()[0].shape == ["batch", 4, 6]
+        assert_answers_like(folder / "onboard" / "new" / name, model, 12)
+        assert session(folder / "onboard" / "new" / name).get_inputs()[0].shape == ["batch", 12, 6]
         assert f"{name}:" in said
-    assert said.count("for n = 4.") == 2
+    assert said.count("for n = 12.") == 2
     assert "exporting: 2/2" in said
 
 
