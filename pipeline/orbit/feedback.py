@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import Problem, once_per_motion
 from pipeline.orbit.transfer import state_weight, step_maps, transfer_maps
 
 # Horizon, in orbits, within which a deviation is nulled. A shorter one takes more fuel (0.1: 3.5 %
@@ -20,7 +20,7 @@ from pipeline.orbit.transfer import state_weight, step_maps, transfer_maps
 HORIZON = 0.15
 
 
-@lru_cache(maxsize=32)
+@once_per_motion
 def feedback_gains(problem: Problem) -> Float[Array, "intervals 3 6"]:
     """K of δu = K δs at each node: the change of a control, m/s², for a deviation, m and m/s."""
     intervals = problem.intervals
