@@ -90,7 +90,10 @@ def certified_plans(
 
 
 def _with_coasts(controls: Controls, scenarios: Sequence[Scenario]) -> Controls:
-    """As ``with_coasts``, but for craft with waypoints, which that would not keep."""
+    """The controls with exact zeros for rounding, by ``with_coasts``, which keeps goals alone.
+
+    Those of craft with waypoints, polished already, stay as they are.
+    """
     found = with_coasts(controls, shared_problem(scenarios))
     for swarm, craft in zip(scenarios, side_by_side(scenarios).slices, strict=True):
         if passing := [craft.start + one.craft for one in swarm.waypoints]:
