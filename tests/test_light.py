@@ -73,9 +73,9 @@ def link(found, packages):
 
 @pytest.fixture
 def mypy(tmp_path_factory, tmp_path, monkeypatch):
-    """Checks a text by mypy as in an environment; that is empty, and where its packages will be.
+    """A function that runs mypy on code in an empty environment, and its folder of packages.
 
-    Of modules that are the same in two environments mypy remembers what it has found.
+    The cache of mypy serves all environments of the tests.
     """
     monkeypatch.delenv("PYTHONPATH", raising=False)  # by which mypy would find these files
     made = run(sys.executable, "-m", "venv", "--without-pip", "venv", folder=tmp_path)
@@ -113,7 +113,7 @@ prolearn.Ring(siez=1.0)
 
 
 def test_mypy_sees_the_types_of_an_installed_package(light, mypy):
-    """Without the packages that it needs, all of which mypy would look at, too."""
+    """Its dependencies are left out, since mypy would check them, too."""
     check, packages = mypy
     (installed,) = light.glob("venv/lib/python*/site-packages")
     for folder in (*installed.glob("prolearn-*.dist-info"), *map(installed.joinpath, PACKAGES)):

@@ -79,7 +79,7 @@ def test_help_imports_no_heavy_package(tmp_path):
 
 
 def test_plans_import_scipy_the_first_time_on_a_grid_and_numba_for_the_refiner_alone(tmp_path):
-    """Of ten craft. Numba imports SciPy."""
+    """For a scenario of ten craft; numba itself imports SciPy."""
     heavy = ["torch", "mlflow", "cvxpy", "pandas", "matplotlib", "jinja2", "numba", "scipy"]
     heavy += ["scipy.integrate", "scipy.optimize", "scipy.sparse.csgraph", "scipy.stats"]
     planners = ["expert", "expert", "decoupled-optimum", "decoupled-optimum", "refiner"]
@@ -113,6 +113,6 @@ os._exit(0)  # to take apart all that was imported takes as long as half of it
 
 
 def test_workers_import_nothing_that_they_do_not_need_and_lists_and_reports_no_torch():
-    """Neither workers that verify and fly, nor, then in the same process, those that train."""
+    """Of MLflow, Jinja2 and Matplotlib no worker needs any, and PyTorch only those that train."""
     done = subprocess.run([sys.executable, "-c", APART], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

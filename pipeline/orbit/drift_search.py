@@ -193,6 +193,6 @@ class BlockSearch:
 def _block_balls(
     states: Float[Array, "n k ends 6"], sag: Float[Array, "n k blocks"]
 ) -> tuple[Float[Array, "n times 3"], Float[Array, "n times"]]:
-    """Centre and radius of a ball in which each craft stays in each block, m."""
+    """Bounding ball of each craft's path in each block of time steps: centre and radius, m."""
     centre, size = chord_balls(states[:, :, :-1, :3], states[:, :, 1:, :3], sag)
     return centre.reshape(len(size), -1, 3), size.reshape(len(size), -1)

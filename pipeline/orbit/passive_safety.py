@@ -114,7 +114,10 @@ def _closest(
 
 
 def _closest_sampled(paths: DriftingPaths, swarms: SwarmPartition) -> list[Separation]:
-    """The least separation after a loss at begins of blocks; its bound allows for rounding."""
+    """Least separation after a loss of thrust at the first time of each block of time steps.
+
+    The bound is lower by the rounding error.
+    """
     closest = [Separation()] * len(swarms.sizes)
     lost, met = swarms.loss_pairs
     since, step = np.arange(0, paths.whole + 1, paths.width), paths.problem.time_step

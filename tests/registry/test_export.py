@@ -39,7 +39,7 @@ def graphs() -> dict[object, torch.onnx.ONNXProgram]:
 def known_graphs(
     graphs: dict[object, torch.onnx.ONNXProgram], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A graph that an earlier test had traced is written anew: to trace takes most of a second."""
+    """Reuse graphs that an earlier test has traced, since tracing takes most of a second."""
 
     def known(n: int | None, module: ExportedGraph, outputs: Sequence[str], model: Model) -> object:
         what = model.digest, n, *outputs

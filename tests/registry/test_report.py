@@ -47,7 +47,7 @@ def place(
 
 @contextmanager
 def inside(place: tuple[Path, dict[str, str]]) -> Iterator[Path]:
-    """The current folder, which is that of the store in the block."""
+    """Make the store's folder the current one for the block."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place[0])
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
@@ -105,7 +105,7 @@ def newest(place: tuple[Path, dict[str, str]]) -> Path:
 
 @pytest.fixture(scope="module")
 def earlier(place: tuple[Path, dict[str, str]]) -> Path:
-    """That of a report of the first evaluation, with an architecture of others in its run alone."""
+    """The folder of a report of the first evaluation, which records a plug-in architecture."""
     run = place[1]["evaluation"]
     with inside(place) as folder, other_versions({run: {"theirs:networks": "1.2+code.a"}}):
         said = CliRunner().invoke(app, ["report", "--out", "earlier", "--evaluation", run])
@@ -175,7 +175,7 @@ def test_what_is_of_other_models_is_left_out_and_said(done: dict[str, str], newe
 def test_other_versions_are_said_and_what_an_earlier_version_left_in_the_store_changes_nothing(
     done: dict[str, str], earlier: Path, trained: Trained, recipe: Recipe, on_solved: DatasetInfo
 ) -> None:
-    """Runs of `make ablate` and refiners by its recipes are no more."""
+    """The store has a run of the removed `make ablate`, and a network by a recipe of its own."""
     gone = "prolearn-ablations"
     with opened(gone) as store, recorded_run(store, gone, "ablations", {}):
         pass
@@ -205,7 +205,7 @@ def test_trainings_keep_the_names_of_the_evaluation_where_one_of_them_was_delete
     recipe: Recipe,
     on_solved: DatasetInfo,
 ) -> None:
-    """Those that differ in their seed alone share a name; others have the version in theirs."""
+    """Trainings with other seeds share one name; those with the same seed are named by version."""
     for one, seeds in ((trained, (0, 0)), (trained_lstm, (0, 1))):
         versions = [
             record_training(one, recipe=recipe, seed=seed, dataset=on_solved) for seed in seeds

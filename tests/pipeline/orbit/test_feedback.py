@@ -173,7 +173,7 @@ def flown_with(problem, late, bias, noise, burns):
 
 
 def summed(flights):
-    """Covariances of independent flights, each with an error of one standard deviation."""
+    """Covariances as sums over flights, each with one error of one standard deviation."""
     joint, corrections = (np.stack(one, axis=-1) for one in zip(*flights, strict=True))
     return joint @ joint.mT, corrections @ corrections.mT
 

@@ -41,7 +41,7 @@ def test_both_formations_are_energy_matched_and_stay_apart_for_a_whole_orbit(fam
 
 @cache
 def maps_over_an_orbit(problem):
-    """Of positions from the first node's states, (looks, 3, 6), every 5 s."""
+    """State transition matrices to positions every 5 s of an orbit, (times, 3, 6)."""
     begin = problem.orbit.states(np.zeros(1))[0]
     times = np.arange(5.0, 2 * np.pi / problem.mean_motion, 5.0)
     maps, _, _ = linear_maps(begin, times, partial(pull, j2=True))

@@ -159,7 +159,7 @@ def test_a_waypoint_where_the_linear_model_has_no_meaning_is_refused(place):
 
 
 def test_near_whole_periods_least_limit_and_delta_v_are_those_of_the_only_control():
-    """Two intervals leave no choice; with whole periods rows depend on each other within 1e-11."""
+    """Two intervals have a unique solution; near whole periods its equations are near singular."""
     drawn = draw("rings", 0, 3, 0, Problem())
     for off, close in ((0.1, 1e-4), (1.0, 1e-6)):
         problem = Problem(time_step=ORBIT + off, nodes=3)

@@ -88,7 +88,7 @@ def place(problem: Case, states: np.ndarray, controls: np.ndarray, time: float) 
 def places(
     problem: Case, states: np.ndarray, controls: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
-    """Positions (n, k, 3) at k times."""
+    """As ``place`` for k times: positions (n, k, 3)."""
     node = np.minimum((times + 1e-9) // problem.step, problem.nodes - 1).astype(int)
     free, forced = exact_steps(problem.rate, times - node * problem.step)
     held = np.pad(controls, ((0, 0), (0, 1), (0, 0)))[:, node]

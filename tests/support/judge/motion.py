@@ -65,7 +65,7 @@ def after(rate: float, seconds: float, state: np.ndarray, held: np.ndarray) -> n
 
 
 def exact_steps(rate: float, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same after each of k times: (k, 6, 6) and (k, 6, 3)."""
+    """As ``exact_step`` for k times: (k, 6, 6) and (k, 6, 3)."""
     each, where = np.unique(seconds.round(9), return_inverse=True)
     free, forced = zip(*(exact_step(rate, one) for one in each.tolist()), strict=True)
     return np.stack(free)[where], np.stack(forced)[where]

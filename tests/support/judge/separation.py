@@ -37,7 +37,7 @@ class Approaches:
 def closest_approaches(
     problem: Case, states: np.ndarray, controls: np.ndarray, pairs: np.ndarray | None = None
 ) -> Approaches:
-    """Of node states (n, T, 6) that fly under controls (n, T-1, 3); of some pairs (2, k) or all."""
+    """Closest approaches of pairs, (2, k) or all, from node states (n, T, 6) and controls."""
     rate, intervals = problem.rate, problem.nodes - 1
     first, second = np.triu_indices(len(states), 1) if pairs is None else pairs
     high, time = np.full((2, len(first)), np.inf)

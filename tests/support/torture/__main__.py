@@ -19,9 +19,9 @@ MARK = "<!-- made by make torture -->"
 def torture(
     scratch: Path, commands: Forked, seed: int, kills: int, flips: int, store: Path | None = None
 ) -> Tally:
-    """Interrupt commands and damage files so many times; others in proportion.
+    """Kill commands and damage files as often as asked, and interrupt in other ways in proportion.
 
-    An empty store saves the making of one.
+    ``store`` is an empty MLflow store to copy; without it one is made.
     """
     tally = Tally()
     bench = Bench(scratch, commands, store)

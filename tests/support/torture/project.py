@@ -75,7 +75,7 @@ def environment() -> dict[str, str]:
 
 
 def make(folder: Path, commands: Forked, store: Path | None) -> None:
-    """Make the project in a folder, with a copy of an empty store if there is one."""
+    """Make the project in a folder, with a copy of an empty MLflow store if one is given."""
     one = Workers(jobs=1)
     sample(folder / "data", SAMPLES, PROBLEM, workers=Workers(1))
     shutil.copytree(folder / "data", folder / "sampled")
