@@ -20,7 +20,7 @@ Near = tuple[Int[Array, "_"], Int[Array, "_"], Int[Array, "_"], Float[Array, "_"
 AT_ONCE = 50_000  # blocks of time steps that are compared at once, which bounds memory
 PARTS = 2  # into which blocks of time steps are cut
 WIDEST = 0.3  # largest angle by which the reference turns in a block of several steps, rad
-NO_LENGTH = 1e-9  # share of an interval below which a remainder is rounding
+NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is rounding
 
 
 class DriftingPaths:

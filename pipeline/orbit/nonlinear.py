@@ -19,6 +19,7 @@ from pipeline.orbit import chebyshev
 from pipeline.orbit.arrays import Controls, Formation, PerCraft, States, norm
 from pipeline.orbit.chebyshev import ANGLE, COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_margin
+from pipeline.orbit.drift_search import NO_LENGTH
 from pipeline.orbit.linearized import Arcs, LinearizedDynamics
 from pipeline.orbit.nearest import Nearest, nearest
 from pipeline.orbit.partition import SwarmPartition, swarm_partition
@@ -30,7 +31,6 @@ from pipeline.orbit.separation import Separation
 CONVERGED = 1e-9  # change of positions, m, at which iteration ends; relative where craft are far
 WINDOW = 2.0  # angle by which the reference turns in the arc that is iterated at once, rad
 AT_ONCE = 64  # intervals of a drift in which craft are compared at once, which bounds memory
-NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is rounding
 
 
 def flown_arcs(
