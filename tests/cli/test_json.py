@@ -32,12 +32,12 @@ COMMANDS = {
     "train again": [*FF1, "--resume", "--json"],
     "evaluate": [*EVALUATE, "--json"],
     "evaluate again": [*EVALUATE, "--resume", "--json"],
-    "report": ["report", "--out", "reports", "--json"],
     "warmstart": ["warmstart", *CRAFT, "--trials", "1", "--json"],
     "transfer-times": [
         *("transfer-times", *CRAFT, "--nodes", "6,11", "--trials", "1", "--jobs", "1", "--json"),
     ],
     "flights": ["flights", *CRAFT, *["--trials", "1", "--flights", "1", "--jobs", "1", "--json"]],
+    "report": ["report", "--out", "reports", "--json"],
     "list": ["models", "list", "--json"],
     "show": ["models", "show", "prolearn-ff1/2", "--json"],
     "tune": ["tune", "--arch", "ff1", "--trials", "1", "--epochs", "1", *CRAFT, "--json"],

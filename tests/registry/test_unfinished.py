@@ -20,7 +20,7 @@ from registry.training import DatasetInfo
 pytestmark = pytest.mark.system
 
 DONE = 2  # parts after which most runs are killed
-LSTM = {"models": "lstm1"}
+TWO = {"models": "lstm1", "trials": 2}
 
 KILLED = """
 import os, signal
@@ -82,26 +82,26 @@ def untimed(run_id: str) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize(
-    ("job", "asked", "jobs"),
+    ("job", "settings", "jobs"),
     [
-        ("evaluate", Evaluation(trials=2, timed=1), 2),
-        ("transfer_times", TransferTimes(n=3, trials=2, nodes="6", time_steps="60", **LSTM), 1),
-        ("warmstart", WarmStarts(sizes="3", trials=3, **LSTM), None),
-        ("flights", Flights(n=3, trials=2, flights=1), 1),
+        ("evaluate", lambda data: Evaluation(data=data, timed=1, **TWO), 2),
+        (
+            "transfer_times",
+            lambda data: TransferTimes(data=data, n=3, nodes="6", time_steps="60", **TWO),
+            1,
+        ),
+        ("warmstart", lambda data: WarmStarts(data=data, sizes="3", **(TWO | {"trials": 3})), None),
+        (
+            "flights",
+            lambda data: Flights(data=data, n=3, flights=1, **TWO),
+            1,
+        ),
     ],
 )
 def test_what_was_done_before_a_kill_is_not_done_again(
-    solved: Path,
-    child: Callable[[str], int],
-    request: pytest.FixtureRequest,
-    job: str,
-    asked: Any,
-    jobs: Any,
+    registered: None, solved: Path, child: Callable[[str], int], job: str, settings: Any, jobs: Any
 ) -> None:
-    """With a network where one makes no process slow to start, and need not be made safe."""
-    if asked.models:
-        request.getfixturevalue("registered")
-    asked, run = replace(asked, data=str(solved)), getattr(experiments, job)
+    asked, run = settings(str(solved)), getattr(experiments, job)
     options = {} if jobs is None else {"workers": Workers(jobs=1)}
     before = 1 if job == "flights" else DONE  # whose parts take longest
     parts = kill(child, job, asked, jobs, before)
