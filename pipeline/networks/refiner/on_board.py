@@ -70,6 +70,7 @@ VALUES: Mapping[str, Value] = {
     "price": Value(("P",), "dual of the plane in the last round, m/s² per metre, times Δt²"),
     "first_price": Value(("P",), "dual of its first metre, likewise; 0 before it is live"),
     "distance": Value(("P",), "closest approach, m", unit=LENGTH),
+    "share": Value(("P",), "when that is, as a share of the interval"),
     "live": Value(("P",), "whether the encounter gets a plane in this round", torch.bool),
     "standing": Value(
         ("P", 3),
@@ -134,9 +135,9 @@ class Step(nn.Module):
         return decoupled_optima(craft.initial[None], craft.goal[None], self.grid, self.problem)
 
     def scene(self, craft: SimpleNamespace) -> Scene:
-        """The closest approaches of the P encounters."""
+        """The closest approaches of the P encounters, at the times that ``Look`` found."""
         ends = craft.nodes - craft.told_nodes
-        return geometry.scene_of(craft.interval, nearest(ends), ends, self.grid)
+        return geometry.scene_of(craft.interval, craft.share, ends, self.grid)
 
 
 def _both(craft: SimpleNamespace, name: str) -> Float[Tensor, "P 2 *_"]:
@@ -146,6 +147,7 @@ def _both(craft: SimpleNamespace, name: str) -> Float[Tensor, "P 2 *_"]:
 
 ENDS = ("initial", "goal", "r_col")
 NODES = ("nodes", "told_nodes")
+MET = ("interval", *NODES, "share")
 PRICES = ("price", "told_price", "first_price", "told_first_price")
 
 
@@ -178,10 +180,11 @@ class Look(Step):
     """Closest approaches of the encounters, which of them are live, and node features."""
 
     takes = ("number", *ENDS, "interval", "controls", *NODES, "price", "first_price")
-    gives = ("distance", "live", "first_price", "standing")
+    gives = ("distance", "share", "live", "first_price", "standing")
     tells = ("first_price", "standing")
 
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
+        craft.share = nearest(craft.nodes - craft.told_nodes)
         own, scene = self.own(craft), self.scene(craft)
         first, price = craft.first_price, craft.price
         live = model.gets_plane(scene.distance, is_minimum(scene.ends, scene.share), craft.number)
@@ -190,13 +193,13 @@ class Look(Step):
         first = torch.where(live & (first == 0), asked, first)
         spent = craft.controls.abs().sum() - own.controls.abs().sum()
         standing = torch.stack([live.sum().to(price.dtype), price.sum(), spent])
-        return scene.distance, live, first, standing.expand(price.shape[0], 3)
+        return scene.distance, scene.share, live, first, standing.expand(price.shape[0], 3)
 
 
 class Speak(Step):
     """Messages of the encounters, and their aggregation for each of them."""
 
-    takes = ("number", "r_col", "interval", *NODES, "live", *PRICES, "standing", "told_standing")
+    takes = ("number", "r_col", *MET, "live", *PRICES, "standing", "told_standing")
     gives, tells = ("said", "heard"), ("heard",)
 
     def _step(self, craft: SimpleNamespace) -> tuple[Tensor, ...]:
@@ -224,7 +227,7 @@ class Listen(Step):
 class Settle(Step):
     """The trade, computed alike by both sides, and the craft's own program under it."""
 
-    takes = (*ENDS, "interval", "controls", *NODES, "live", *PRICES, "offer", "told_offer")
+    takes = (*ENDS, "controls", *MET, "live", *PRICES, "offer", "told_offer")
     gives, tells = ("controls", "nodes", "price"), ("nodes", "price")
     tells_all = True
 

@@ -26,7 +26,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder
 
-SCHEMA = "prolearn.onnx.craft/1"
+SCHEMA = "prolearn.onnx.craft/2"
 ANY = {"P": 5, "Q": 4}  # axes of any length, and the length with which graphs are traced
 TOLERANCE = 1e-5  # largest difference from the whole swarm's controls, as a share of the largest
 MOST_TIES = 1 / 3  # largest share of the swarms that may find another optimum of the same fuel
