@@ -157,6 +157,20 @@ class Batch:
         return f"; {at.missed_by_drift(k)[1]}" if held else ""
 
 
+def impossible_states(scenario: Scenario) -> str:
+    """Why the required states alone leave no plan, whatever the motion, or an empty string.
+
+    Of craft and corridors; obstacles, which drift by that motion, do not count.
+    """
+    alone = replace(scenario, obstacles=())
+    radius, swarms = scenario.problem.collision_radius, participants([alone])
+    ends = np.stack([scenario.initial, scenario.goal], axis=1)
+    nodes = slice(None, None, scenario.problem.intervals)
+    if swarm_node_collisions(ends, radius, swarms, nodes).any():
+        return _too_close(alone)
+    return _outside(scenario) or _meeting(scenario)
+
+
 def _outside(scenario: Scenario) -> str:
     """Which craft is outside a corridor at an end, if any."""
     for end, craft, corridor, margin in scenario.outside():

@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, ProlearnError
-from pipeline.expert.batch import Batch
+from pipeline.expert.batch import Batch, impossible_states
 from pipeline.expert.decoupled import minimum_fuel
 from pipeline.orbit.arrays import Controls, CraftMask, States, Values, norm
 from pipeline.orbit.nonlinear import NonlinearFlight
@@ -81,6 +81,9 @@ class AsFlown(PlannerWrapper):
         dear, solves = linear.certificate.optimality_gap + MOST_FUEL_ADDED, linear.convex_solves
         passed = _passed(linear)
         plan = _corrected(scenario, linear, self.requirements, passed)
+        given = not isinstance(self.planner, GoalAssignment)  # else other orders may be possible
+        if linear.status == INFEASIBLE and given and (why := impossible_states(scenario)):
+            plan = replace(plan, status=INFEASIBLE, message=why)
         best = plan
         for tried in range(MOST_PLANS - 1):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear

@@ -18,6 +18,7 @@ from pipeline.errors import InputError
 from pipeline.flight.errors import Errors
 from pipeline.flight.loops import Loop, TrialSettings
 from pipeline.flight.world import NonlinearWorld
+from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
@@ -312,6 +313,24 @@ def test_what_is_infeasible_about_the_orbit_is_unsolved_in_the_flight():
     (linear,) = Expert().plan([limited(swarm("rings", 0.01), 1e-6)])
     assert (linear.status, plan.status) == (INFEASIBLE, UNSOLVED)
     assert "about this orbit the plan is infeasible: craft 0 cannot reach its goal" in plan.message
+
+
+def test_states_that_leave_no_plan_in_any_motion_are_infeasible_in_the_flight_too():
+    scenario = swarm("rings", 0.01)
+    low, high = scenario.goal[0, :3] - 1.0, scenario.goal[0, :3] + 1.0
+    box = Box(tuple(low.tolist()), tuple(high.tolist()))
+    outside = Corridor(box, 0.0, scenario.problem.duration, (0,))
+    apart = np.linalg.norm(scenario.goal[0, :3] - scenario.goal[1, :3])
+    wide = replace(scenario.problem, collision_radius=float(apart) + 1.0)
+    for asked, why in (
+        (replace(scenario, corridors=(outside,)), r"m outside corridors\[0\].* at the start"),
+        (replace(scenario, problem=wide), "m apart at the .*, whatever is planned"),
+    ):
+        (plan,) = AsFlown(Expert()).plan([asked])
+        assert plan.status == INFEASIBLE
+        assert re.search(why, plan.message)
+        (other,) = AsFlown(GoalAssignment(Expert())).plan([asked])
+        assert other.status == UNSOLVED  # in another order it might be possible
 
 
 def test_a_limit_that_leaves_corrections_nothing_is_not_said_to_be_out_of_reach():
