@@ -46,7 +46,6 @@ TOP_LEVEL = re.compile(
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
 MOST_BYTES = 2**31  # of a shard, which is read whole to be checked; most have some MB
 NUMBER_BYTES, TEXT_BYTES = 9, 256  # the most that a number and the rest of a row take in a shard
-FORMER_SOLVERS = {"cvxpy": "clarabel"}  # of earlier versions, and what is used instead
 REQUIRED = ("separation", "passive_safety")  # requirements recorded with the expert's settings
 
 
@@ -69,8 +68,6 @@ def recorded(settings: Settings, requirements: Requirements) -> Mapping[str, Any
 def settings_of(record: Mapping[str, Any]) -> Settings:
     """The settings of the expert in a record; ValueError or TypeError where there are none."""
     given = {name: value for name, value in record.items() if name not in REQUIRED}
-    if (solver := given.get("solver")) in FORMER_SOLVERS:
-        given["solver"] = FORMER_SOLVERS[solver]
     return validated(Settings, given) and Settings(**given)
 
 

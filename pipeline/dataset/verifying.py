@@ -23,7 +23,6 @@ from pipeline.dataset.manifest import (
     requirements_of,
 )
 from pipeline.dataset.physics import row_faults
-from pipeline.documents import CHECKSUM, parse_json
 from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
 from pipeline.progress import SILENT, Progress
@@ -98,10 +97,8 @@ def verify(
     manifest, fault = manifest_or_copy(folder)
     if fault:
         yield Fault(MANIFEST, fault)
-    has_checksum = bool(fault) or CHECKSUM in parse_json(folder.read(MANIFEST))
-    if has_checksum:  # earlier versions wrote none, nor copies, nor digests of timings
-        yield from _manifest_faults(folder, solved=bool(manifest.solve))
-    checks, listed = list(_checks(folder, manifest, has_checksum)), set(folder.names())
+    yield from _manifest_faults(folder, solved=bool(manifest.solve))
+    checks, listed = list(_checks(folder, manifest)), set(folder.names())
     foreign = sorted(listed - {check.name for check in checks})
     # What is in a folder that is a link is not listed, and there all the same.
     present = {c.name for c in checks if c.name in listed or folder.exists(c.name)}
@@ -163,8 +160,8 @@ def _manifest_faults(folder: Folder, *, solved: bool) -> Iterator[Fault]:
         yield Fault(TIMED, "is missing or damaged")
 
 
-def _checks(folder: Folder, manifest: Manifest, has_checksum: bool) -> Iterator[Check]:
-    """Every file that is meant to be there; without checksum, timings only if they exist."""
+def _checks(folder: Folder, manifest: Manifest) -> Iterator[Check]:
+    """Every file that is meant to be there."""
     known, timed = manifest.shards, read_timing_digests(folder) or {}
     for shard in manifest.expected():
         rows, drawn, solved = len(shard.rows), known.get(shard.scenarios), known.get(shard.solved)
@@ -172,10 +169,7 @@ def _checks(folder: Folder, manifest: Manifest, has_checksum: bool) -> Iterator[
         yield Check(shard.scenarios, "scenarios", shard, drawn, counted=counted)
         if manifest.solve:
             yield Check(shard.solved, "solved", shard, solved, counted=rows)
-            if has_checksum:
-                yield Check(shard.timings, "timings", shard, timed.get(shard.solved), solved)
-            elif folder.exists(shard.timings):
-                yield Check(shard.timings, "timings", shard)
+            yield Check(shard.timings, "timings", shard, timed.get(shard.solved), solved)
 
 
 def _read(folder: Folder, checks: Checks) -> list[bytes | str]:

@@ -240,18 +240,3 @@ def test_flipped_bits_of_footers_are_faults_and_mended(solved):
         repair(solved, workers=ONE)
         assert content(solved) == before
         assert faults(solved) == []
-
-
-def test_a_dataset_of_an_earlier_version_without_checksums_is_sound(solved):
-    """Which had neither a copy of the manifest nor digests of timings."""
-    import json
-
-    document = json.loads((solved / MANIFEST).read_text())
-    del document["checksum"]
-    (solved / MANIFEST).write_text(json.dumps(document))
-    (solved / COPY).unlink()
-    (solved / TIMED).unlink()
-    (solved / "_timings/n=2/part-00000.parquet").unlink()
-    assert faults(solved) == []
-    solve(solved, Settings(), workers=ONE)
-    assert read_manifest(solved).shards

@@ -9,7 +9,7 @@ from contents import content
 from forged import forge, remove
 
 from pipeline.dataset.making import SOLVED_BY, sample, solve
-from pipeline.dataset.manifest import read_manifest, settings_of
+from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.verifying import repair
 from pipeline.errors import InputError, ProlearnError
@@ -83,13 +83,6 @@ def test_plans_of_another_version_are_not_adopted_where_the_manifest_is_gone(sol
     sample(solved, SAMPLES, Problem(), workers=ONE)
     solve(solved, Settings(), workers=ONE)
     assert (solved / name).read_bytes() == right
-
-
-def test_what_was_solved_by_the_solver_of_an_earlier_version_is_read(solved):
-    forge(solved, lambda manifest: manifest["solve"].update(solver="cvxpy"))
-    manifest = read_manifest(solved)
-    assert manifest.solve["solver"] == "cvxpy", "which the card says"
-    assert settings_of(manifest.solve) == Settings(solver="clarabel")
 
 
 def test_a_worker_with_other_versions_is_refused():
