@@ -5,19 +5,14 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import TypeVar
 from uuid import uuid4
 
 from pipeline import storage
 from pipeline.errors import InputError, ProlearnError
-from pipeline.parallel.workers import Workers
+from pipeline.parallel.workers import Content, Result, Task, Workers
 from pipeline.progress import Progress
 from pipeline.storage.folder import Folder, open_folder
 from pipeline.text import public_url
-
-Task = TypeVar("Task")
-Content = TypeVar("Content")
-Result = TypeVar("Result")
 
 _open = lru_cache(maxsize=8)(open_folder)  # a store is connected to once, not for each file
 
