@@ -26,7 +26,7 @@ class Trial:
     fuel: float  # Eq. 4, m/s²; of raw states, that of the controls nearest to them
     fuel_lower_bound: float  # m/s²
     boundary_error: float  # largest miss of an initial or goal position, m
-    dynamics_error: float  # largest violation of Eq. 2 in position, m
+    dynamics_error: float  # largest violation of Eq. 2, m; if predicted, velocities over e as well
     seconds: float  # to plan this scenario alone on one thread, where it was timed
     convex_solves: int  # joint convex programs
 

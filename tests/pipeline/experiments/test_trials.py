@@ -92,7 +92,15 @@ def test_a_prediction_is_judged_raw_with_its_errors_beside(trials):
     assert predicted.boundary_error.to_numpy() == pytest.approx(1.0)
     assert not predicted.safe.any()
     assert predicted.min_separation.isna().all()
-    assert (predicted.dynamics_error > 0).all()
+
+
+def test_states_that_no_control_joins_violate_the_dynamics_by_their_velocities(trials):
+    # A craft that is moved by 1 m is back at the next node by a constant thrust that gains it
+    # 2 m / Δt there, a velocity that the prediction does not have.
+    predicted = of(trials, "minimum energy", "predicted")
+    velocity = 2.0 / PROBLEM.time_step
+    expected = velocity / PROBLEM.mean_motion
+    assert predicted.dynamics_error.to_numpy() == pytest.approx(expected, rel=0.02)
 
 
 def test_only_the_trials_that_were_asked_for_are_timed(trials):
