@@ -93,7 +93,7 @@ class Flight:
     delta_v: float  # of all craft, m/s
     delta_v_bound: float  # the least of any plan without errors, m/s
     missed_burns: int
-    # Nodes without a safe plan from there; with feedback 1 if there is no plan of RISK; else NaN
+    # Nodes without a safe plan from there; 1 if a plan as flown or of RISK is not solved; else NaN
     unsafe_replans: float
 
 

@@ -12,6 +12,7 @@ from pipeline.experiments.experiment5 import (
     planned_figure,
     section,
     summarize_flights,
+    where_solved_as_flown,
     within_table,
 )
 from pipeline.experiments.experiment5 import (
@@ -172,6 +173,29 @@ def test_plans_as_flown_hold_where_all_are_apart_and_at_their_goals(close, off, 
     # 6 of 8 have 50 of 100 too close, those of ten craft in two worlds none.
     assert "planned in the linear model, 37.5 % have one" in found.numbers
     assert "missed by up to 1.00 m" in found.numbers
+
+
+def unsolved_as_flown(flights, trials):
+    """The flights, with plans as flown of some scenarios that are not solved, and close."""
+    as_flown = (flights.planned == AS_FLOWN) & (flights.loop == OPEN)
+    flights = flights.assign(unsafe_replans=flights.unsafe_replans.where(~as_flown, 0.0))
+    lost = as_flown & flights.trial.isin(trials)
+    flights.loc[lost, ["unsafe_replans", "within_radius"]] = 1.0, True
+    return flights
+
+
+def test_scenarios_without_a_plan_as_flown_are_left_out_of_what_such_plans_are_worth():
+    flights = pd.concat([table(refiner=MARGINAL), planned_too("refiner")], ignore_index=True)
+    _, found = flight_findings(unsolved_as_flown(flights, range(60, 80)))
+    assert found.verdict == "Yes, without errors, where there is one"
+    assert "planned as flown, none of 640 plans has a pair within r_col" in found.numbers
+    # 6 of 8 have 50 of 80 too close.
+    assert "planned in the linear model, 46.9 % have one" in found.numbers
+    assert found.numbers.endswith("; 160 without a plan as flown are left out")
+    summary = summarize_flights(where_solved_as_flown(unsolved_as_flown(flights, range(60, 80))))
+    planned = in_both_models(summary)
+    assert set(planned.trials) == {80}
+    assert len(list(flight_findings(unsolved_as_flown(flights, range(SCENARIOS))))) == 1
 
 
 def test_fuel_of_plans_as_flown_is_that_over_the_same_planner_s_plan_for_the_linear_model():

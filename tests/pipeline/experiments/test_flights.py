@@ -1,5 +1,6 @@
 """Experiment 5: real planners, flown in real worlds."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -57,6 +58,14 @@ def of(table, **keys):
     for name, value in ({"planned": LINEAR} | keys).items():
         table = table[table[name] == value]
     return table.sort_values(["trial", "flight"])
+
+
+def test_a_plan_as_flown_beyond_its_limits_of_thrust_is_not_solved():
+    weak = replace(SHORT, problem=replace(SHORT.problem, max_acceleration=1e-5))
+    entrants = [EvaluatedPlanner(Expert())]
+    table = run_flights(entrants, [SHORT, weak], flights=1, workers=ALONE)
+    rows = of(table, planned=AS_FLOWN, errors=NO_ERRORS)
+    assert rows.groupby("trial").unsafe_replans.unique().to_dict() == {0: [0.0], 1: [1.0]}
 
 
 def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
