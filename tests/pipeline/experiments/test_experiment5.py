@@ -106,6 +106,7 @@ def planned_too(*planners, close=0, off=1e-8):
 SAFE_ANYHOW, REPLANNING, MARGINAL = (0, 0, 0, 0), (30, 20, 0, 0), (40, 20, 15, 0)
 CORRECTED, EITHER, HOPELESS = (40, 0, 15, 20), (40, 0, 15, 0), (40, 20, 30, 20)
 UNSURE, UNSURE_ANEW = (4, 4, 4, 4), (40, 3, 4, 3)
+NO_ONE_KNOWS, ALL_BUT_ONE = (4, 0, 4, 0), (4, 0, 20, 4)
 
 
 @pytest.mark.parametrize(
@@ -119,6 +120,16 @@ UNSURE, UNSURE_ANEW = (4, 4, 4, 4), (40, 3, 4, 3)
         (HOPELESS, "No, not even with feedback or a margin"),
         (UNSURE, "Open: too few scenarios"),
         (UNSURE_ANEW, "Not in open loop; otherwise too few"),
+        ((40, 3, 20, 3), "Not in open loop or replanned; otherwise too few scenarios"),
+        (
+            NO_ONE_KNOWS,
+            "With feedback and a risk limit, or replanned with a margin; otherwise too few",
+        ),
+        (ALL_BUT_ONE, "With feedback and a risk limit; not replanned; otherwise too few"),
+        (
+            (40, 4, 20, 0),
+            "Replanned at every node with a margin; not in open loop or replanned; ot",
+        ),
     ],
 )
 def test_what_to_trust_is_decided_by_the_whole_interval_of_flights_that_come_close(close, verdict):
