@@ -92,6 +92,7 @@ def _training_row(version: models.ModelVersion) -> dict[str, Any]:
     measured = ("valid_flown_safe_share", "valid_flown_fuel", "valid_flown_trials", "weights_kib")
     return {
         **{name: getattr(version, name) for name in ("recipe", "training_seed", "version")},
+        "n": version.n or None,
         **{name: entities.whole_number(params.get(name, "")) for name in counts},
         **{name: metrics.get(name) for name in measured},
         **{name: params.get(name) for name in ("device", "threads")},

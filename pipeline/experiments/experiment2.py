@@ -117,11 +117,16 @@ def sizes_figure(summary: pd.DataFrame, quantity: Quantity, styles: Mapping[str,
 
 
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Iterator[Finding]:
-    """Findings on the largest swarm flown, up to n = 30; none if that is experiment 1's ``n``."""
+    """Findings on the largest swarm flown, up to n = 30.
+
+    None if that is experiment 1's ``n``, or one that networks were trained at.
+    """
     trials = averages.sizes_of_paper(trials)
     largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
-    if largest != n:
-        predicate = f"trained at n = {paper.NETWORK_SIZE} work at other sizes (n = {largest})?"
+    home = sorted(map(int, set(training["n"].dropna())))
+    if largest not in (n, *home):
+        trained = f"trained at n = {' or '.join(map(str, home))} " if home else ""
+        predicate = f"{trained}work at other sizes (n = {largest})?"
         yield from verdicts.network_findings(predicate, trials, training, largest)
 
 

@@ -104,6 +104,7 @@ class Training:
     arch: str  # with the version (ff1/3) where others beside it differ in more than the seed
     recipe: str
     training_seed: int  # of weights, order and dropout
+    n: int | None  # spacecraft of its training
     version: int  # of the registered model
     parameters: int | None  # weights
     epochs: int | None  # that the training took

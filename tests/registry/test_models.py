@@ -98,6 +98,7 @@ def test_learning_curves_come_back_as_they_went_in(project: Project) -> None:
     training, curves = training_tables(list_versions())
 
     history = project.trained.history
+    assert list(training["n"]) == [project.trained.model.n_train]
     assert curves.to_dict("list") == {
         "arch": ["ff1", "ff1"],
         "recipe": ["tuned", "tuned"],

@@ -148,6 +148,7 @@ def results(trials: pd.DataFrame, warmstarts: pd.DataFrame, example: Example) ->
                 "recipe": "paper",
                 "training_seed": 0,
                 "version": "1",
+                "n": 10,
                 "parameters": 1234,
                 "epochs": 30,
                 "best_epoch": 25,
@@ -205,7 +206,7 @@ def shares(safe: int, of: int = 400) -> list[bool]:
 def trained(*rows: tuple[object, ...]) -> pd.DataFrame:
     """Networks with their share of safe validation scenarios and their fuel there."""
     columns = ["arch", "recipe", "valid_flown_safe_share", "valid_flown_fuel"]
-    return pd.DataFrame(rows, columns=columns).assign(valid_flown_trials=500)
+    return pd.DataFrame(rows, columns=columns).assign(valid_flown_trials=500, n=10)
 
 
 def flown(

@@ -97,10 +97,16 @@ def test_the_largest_swarm_has_a_row_of_its_own(rows):
     ]
     planned = prepared(pd.DataFrame(table))
     (home,) = findings(planned, trained(), 10)
-    (largest,) = size_findings(planned, trained(), 10)
+    training = trained(("ff1", "tuned", 1.0, 1.0))
+    (largest,) = size_findings(planned, training, 10)
     assert home.question.endswith("(n = 10)?")
     assert "trained at n = 10 work at other sizes (n = 30)" in largest.question
     assert largest.numbers.startswith("FF1 tuned: safe in 25 % [")
+    (smaller,) = size_findings(planned, training.assign(n=5), 10)
+    assert "networks trained at n = 5 work at other sizes (n = 30)" in smaller.question
+    (unknown,) = size_findings(planned, trained(), 10)
+    assert "networks work at other sizes (n = 30)" in unknown.question
+    assert list(size_findings(planned, training.assign(n=30), 10)) == []
 
 
 def test_the_papers_networks_answer_together_and_any_other_on_its_own(rows):
