@@ -122,11 +122,12 @@ FUEL_RATIO = average("Fuel / bound, av.", "fuel_ratio", ratio, "fuel_ratio", spr
 BOUNDARY = average("Boundary error (m)", "boundary_error", error, "boundary_error")
 DYNAMICS = average("Dynamics error (m)", "dynamics_error", error, "dynamics_error")
 SECONDS = average("Time, av. (s)", "seconds_mean", number, "seconds")
+TIMED = average("Timed", "timed", count, SECONDS.column, "count", "max")
 SOLVES = average("Convex solves, av.", "convex_solves_mean", number, "convex_solves")
 
 AVERAGES = (
     *(COLLISIONS, MOST_COLLISIONS, CONFLICTS, SAFE, SEPARATION, FUEL, BOUND, FUEL_RATIO),
-    *(BOUNDARY, DYNAMICS, SECONDS, SOLVES),
+    *(BOUNDARY, DYNAMICS, SECONDS, TIMED, SOLVES),
 )
 
 NEGLIGIBLE_FUEL = 1e-9  # a bound below this is rounding: fuel has no ratio to it, m/s²
@@ -166,6 +167,12 @@ def with_names(rows: pd.DataFrame) -> pd.DataFrame:
 def sizes_of_paper(rows: pd.DataFrame) -> pd.DataFrame:
     """Rows of swarms that are no larger than the paper's largest, n = 30."""
     return rows[rows["n"].astype(int) <= LARGEST_SIZE]
+
+
+def timed_trials(summary: pd.DataFrame) -> str:
+    """How many trials of each row were timed, as text: least and most; empty if none were."""
+    found = sorted(set(summary[TIMED.source]) - {0})
+    return " to ".join(dict.fromkeys(count(float(k)) for k in (*found[:1], *found[-1:])))
 
 
 def reference_size(trials: pd.DataFrame) -> int:

@@ -31,6 +31,7 @@ def section(summary: pd.DataFrame, styles: Mapping[str, Style]) -> Section:
     values: dict[str, Any] = {"sizes": sizes}
     if len(sizes) > 1:
         values |= {"paper": paper, "tables": sizes_tables(summary)}
+        values["timed"] = averages.timed_trials(summary)
         values["pictures"] = {
             name: Picture(f"experiment2-{name}", sizes_figure(summary, quantity, styles))
             for name, quantity in QUANTITIES.items()

@@ -44,6 +44,7 @@ def sections(
         "cheap": verdicts.CHEAP,
         "picture": Picture("beyond", scaling_figure(summary, styles)),
         "averages": scaling_table(summary),
+        "timed": averages.timed_trials(summary),
     }
     return [Section("pipeline/experiments/scaling.md.jinja", values)]
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from planted import row
 
-from pipeline.experiments.averages import reference_size, summarize
+from pipeline.experiments.averages import reference_size, summarize, timed_trials
 
 
 def test_averages_maxima_and_shares_are_those_of_the_trials(trials):
@@ -16,6 +16,15 @@ def test_averages_maxima_and_shares_are_those_of_the_trials(trials):
     assert ff1["fuel_mean"] == 3.0
     assert ff1["safe_share"] == 0.5
     assert ff1["seconds_mean"] == 0.25
+
+
+def test_it_is_said_how_many_trials_were_timed(trials):
+    assert timed_trials(summarize(trials)) == "2"
+    first = trials["trial"].eq(0) | trials["n"].eq(30)
+    some = summarize(trials.assign(seconds=trials["seconds"].where(first)))
+    assert row(some, planner="ff1", reading="flown", n=10)["trials"] == 2
+    assert timed_trials(some) == "1 to 2"
+    assert timed_trials(summarize(trials.assign(seconds=np.nan))) == ""
 
 
 def test_fuel_ratio_averages_the_trials_ratios_not_the_ratio_of_averages(rows):

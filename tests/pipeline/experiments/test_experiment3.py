@@ -11,11 +11,13 @@ from pipeline.experiments.experiment3 import (
 from pipeline.experiments.experiment3 import (
     optimizers_figure,
     paper_findings,
+    section,
     summarize_warmstarts,
     warmstart_figure,
     warmstart_table,
 )
 from pipeline.figures.style import planner_styles
+from pipeline.figures.tables import Writer
 from pipeline.report import no_rows
 
 ALL_OF_3 = "100 % [43.9, 100.0]"
@@ -118,6 +120,11 @@ def test_warm_start_tables_print_the_ratio_to_no_seed(warmstarts):
     _, body = cells(table)
     ratio = "0.460 [0.111, 1.905]"
     assert ["first safe", "FF1 tuned", "2.00", "66.7 %", "0.100", ratio, "15.0", ALL_OF_3] in body
+
+
+def test_captions_say_which_mean_the_ratio_to_no_seed_is(both):
+    text = Writer().write(section(both, planner_styles(["ff1"])))
+    assert text.count("Time / no seed is the geometric mean of the ratios on the same trials") == 2
 
 
 def test_a_gap_that_is_rounding_of_the_arithmetic_is_none(warmstarts):
