@@ -193,6 +193,7 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
     rows = [re.findall(r"[^| ]+", line) for line in card.splitlines() if line.startswith("|")]
     assert ["3", "0.75"] in rows and ["30", "0.125"] in rows
     assert "apart: the share of unsafe plans is above. Check" in card
+    assert "(safe: the plan keeps all limits of thrust, and no pair comes within" in card
     for word in ("m/s", "LVLH", "(batch, n, 6)", dataset.digest, "models:/prolearn-ff1/1"):
         assert word in card
     (kept,) = [p.value for p in onnx.load(folder / "x.onnx").metadata_props if p.key == "prolearn"]
