@@ -143,6 +143,7 @@ def test_without_larger_swarms_there_is_no_section(trials, planned):
     text = Writer().write(one)
     assert text.startswith("## Beyond 30 spacecraft")
     assert "Collisions, safety, fuel and time at n = 30, 60, 300." in text
+    assert "share of trials whose plan breaks a limit of thrust or in which some pair" in text
 
 
 def test_experiment_2_ends_where_the_paper_does(planned):
