@@ -30,11 +30,14 @@ def section(summary: pd.DataFrame, n: int, styles: Mapping[str, Style]) -> Secti
     """Table and figure of the averages from ``summarize`` at one swarm size."""
     table = objectives_table(summary, n)
     trials = table.frame["trials"]
+    expert = table.frame[table.frame["planner"] == "expert"]
+    unsafe = (1 - expert[averages.SAFE.source].astype(float)) * expert["trials"]
     values = {
         "paper": paper,
         "n": n,
         "refiner": summary["planner"].isin(labels.REFINERS).any(),
         "trials": sorted({int(trials.min()), int(trials.max())}),
+        "without_plan": round(float(unsafe.sum())),
         "table_2": table,
         "figures_2_3": Picture("experiment1", objectives_figure(summary, n, styles)),
     }

@@ -5,8 +5,14 @@ import pandas as pd
 from planted import cells
 
 from pipeline.experiments.averages import summarize
-from pipeline.experiments.experiment1 import objectives_figure, objectives_table, paper_findings
+from pipeline.experiments.experiment1 import (
+    objectives_figure,
+    objectives_table,
+    paper_findings,
+    section,
+)
 from pipeline.figures.style import planner_styles
+from pipeline.figures.tables import Writer
 
 
 def test_objectives_are_drawn_where_the_table_has_them(trials):
@@ -31,6 +37,16 @@ def test_the_objectives_stand_beside_the_papers(trials):
     assert expert[3:7] == ["0", "0.113", "0", "2"]
     unknown = next(r for r in body if r[0] == "my net")
     assert (unknown[4], unknown[6], unknown[10]) == ("–", "–", "–")
+
+
+def test_it_is_said_in_how_many_trials_the_expert_has_no_safe_plan(trials):
+    def text(given):
+        return Writer().write(section(summarize(given), 10, planner_styles(given["planner"])))
+
+    assert "has no safe plan" not in text(trials)
+    first = (trials["planner"] == "expert") & (trials["trial"] == 0)
+    infeasible = trials.assign(safe=trials["safe"].mask(first, False))
+    assert "In 1 of the trials the expert has no safe plan" in text(infeasible)
 
 
 def test_predicted_rows_show_their_errors_and_no_safety(trials):
