@@ -111,7 +111,8 @@ def _flown(
             of = TrialSettings(scenario, worlds[world], MAGNITUDES[errors], seed)
             flown = of.fly(loop, draws)
             unsafe = flown["unsafe_replans"].astype(float) if loop.planner else np.nan
-            if plan.certificate.risk or planned == records.AS_FLOWN:
+            with_risk = loop.name == FEEDBACK and evaluated.planner.name not in BASELINES
+            if with_risk or planned == records.AS_FLOWN:
                 unsafe = float(plan.status != SOLVED)
             rows = {name: flown[name] for name in MEASURED} | {
                 "planned": planned,

@@ -66,6 +66,8 @@ def test_a_plan_as_flown_beyond_its_limits_of_thrust_is_not_solved():
     table = run_flights(entrants, [SHORT, weak], flights=1, workers=ALONE)
     rows = of(table, planned=AS_FLOWN, errors=NO_ERRORS)
     assert rows.groupby("trial").unsafe_replans.unique().to_dict() == {0: [0.0], 1: [1.0]}
+    careful = of(table, loop=FEEDBACK, world=LINEAR)
+    assert careful[careful.trial == 1].unsafe_replans.tolist() == [1.0], "nor one of a risk"
 
 
 def test_everyone_flies_in_every_world_and_baselines_know_no_margin(table):
