@@ -132,7 +132,13 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Itera
 
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
-    """Whether feed-forward networks collide less than LSTMs, if both were trained by one recipe."""
+    """Whether feed-forward networks collide less than LSTMs, if both were trained by one recipe.
+
+    None of one size alone, unless it is larger than that of the paper's training.
+    """
+    sizes = sorted({int(n) for n in averages.sizes_of_paper(summary)["n"]})
+    if not sizes or sizes[-1] <= min(sizes[0], paper.NETWORK_SIZE):
+        return []
     question = "Do feed-forward networks collide less than LSTMs in larger swarms, as in the paper?"
     families, drawn = (labels.FEED_FORWARD, labels.RECURRENT), QUANTITIES["collisions"]
     return _compare_families(summary, question, "node collisions", drawn, families)

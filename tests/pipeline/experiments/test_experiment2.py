@@ -109,6 +109,13 @@ def test_the_families_differ_where_they_do_beyond_the_spread_of_their_trainings(
     assert answer.verdict == verdict
 
 
+def test_swarms_of_the_training_s_size_say_nothing_of_larger_ones(rows):
+    ten = families(rows, (20, 22), (9, 11), n=10)
+    assert family_findings(ten) == []
+    (answer,) = family_findings(pd.concat([families(rows, (4, 6), (9, 11), n=5), ten]))
+    assert "node collisions at n = 10" in answer.numbers
+
+
 def test_with_one_training_nothing_is_confirmed(rows):
     (answer,) = family_findings(families(rows, (4,), (9,)))
     assert answer.verdict == "Open: only one training of some; points to yes"
