@@ -1,6 +1,7 @@
 """Experiment 3: run time of the expert and of a plain SCP by seed (the paper's Figure 8)."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -227,7 +228,8 @@ def findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
         question = group.question(predicate, "Do the paper's networks'", "Do {}'s")
         numbers = "; ".join(
             f"{NAMES[name]}: {span(found['time_ratio'])} of the time without a seed, "
-            f"{(found[HIGH] < 1).sum()} of {len(found)} networks faster beyond chance"
+            f"{(found[HIGH] < 1).sum()} of {len(found)} networks faster beyond chance "
+            f"(n = {found['n'].iloc[0]})"
             for name, found in mine.items()
             if len(found)
         )
@@ -263,9 +265,9 @@ def paper_findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
     ]
     steady = "Do times vary less from networks' seeds than from the straight line, as in the paper?"
     quick = "Is FFcol's the quickest seed of the networks', as in the paper?"
-    spread = "mean deviation from the median"
-    yield from _on_pairs(steady, line, away, away.mean(), spread, several=several)
-    yield from _on_pairs(quick, best, logs, np.exp(logs.mean()), "geometric mean", several=several)
+    on_pairs = partial(_on_pairs, n=int(rows["n"].iloc[0]), several=several)
+    yield from on_pairs(steady, line, away, away.mean(), "mean deviation from the median")
+    yield from on_pairs(quick, best, logs, np.exp(logs.mean()), "geometric mean")
 
 
 def _on_pairs(
@@ -275,6 +277,7 @@ def _on_pairs(
     shown: "pd.Series[float]",
     name: str,
     *,
+    n: int,
     several: bool,
 ) -> Iterator[Finding]:
     """The finding on whether times from the first seed of each pair are lower; none without pairs.
@@ -288,7 +291,7 @@ def _on_pairs(
     ours, others = (span(shown[list(set(side))]) for side in zip(*pairs, strict=True))
     numbers = (
         f"{NAMES[PLAIN]}, {name}: {ours} s against {others} s, "
-        f"{sum(high < 0 for _, high in lower)} of {len(pairs)} pairs lower beyond chance"
+        f"{sum(high < 0 for _, high in lower)} of {len(pairs)} pairs lower beyond chance (n = {n})"
     )
     yield Finding(question, verdict_on_lower(several, lower), numbers)
 

@@ -182,6 +182,7 @@ def test_the_third_claim_is_answered_for_both_optimizers_in_one_row():
         f"Plain SCP: {low:.3f} to {high:.3f} of the time without a seed, 2 of 2" in answer.numbers
     )
     assert "Our expert: 1.29 to 1.59 of the time without a seed, 0 of 2" in answer.numbers
+    assert answer.numbers.count(" networks faster beyond chance (n = 10)") == 2
     assert "Plain SCP: Minimum energy 0.300" in answer.baseline
 
 
@@ -240,7 +241,7 @@ def test_how_much_times_vary_is_compared_with_the_straight_line_on_the_same_tria
     assert answer.verdict == verdict
     if verdict == "Confirmed":
         said = "Plain SCP, mean deviation from the median: 0.100 s against 0.300 s"
-        assert answer.numbers == f"{said}, 2 of 2 pairs lower beyond chance"
+        assert answer.numbers == f"{said}, 2 of 2 pairs lower beyond chance (n = 10)"
 
 
 @pytest.mark.parametrize(
