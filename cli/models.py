@@ -47,6 +47,7 @@ COLUMNS = {
     "exp1_flown_collisions": "colli-\nsions",
     "exp1_flown_fuel": "fuel\nm/s²",
 }
+BY_SIZE = "exp2_"  # metrics with a value for each n, of which MLflow gives that of the last alone
 AGES = ((86400, "d"), (3600, "h"), (60, "min"))  # units of an age, s
 
 
@@ -101,7 +102,7 @@ def _age(created: datetime) -> str:
 def show(model: ModelArgument, as_json: AsJson = False) -> None:
     """One version in full: parameters, metrics, dataset, environment.
 
-    An architecture alone means its champion.
+    An architecture alone means its champion. Metrics by swarm size are in the report and the UI.
 
     Examples:
 
@@ -122,7 +123,8 @@ def show(model: ModelArgument, as_json: AsJson = False) -> None:
         **{"aliases": ",".join(version.aliases), "run": version.run_id},
         "created": version.created.strftime("%Y-%m-%d %H:%M UTC"),
     }
-    numbers = {name: f"{value:.6g}" for name, value in sorted(version.metrics.items())}
+    given = sorted(version.metrics.items())
+    numbers = {name: f"{value:.6g}" for name, value in given if not name.startswith(BY_SIZE)}
     for part in (head, dict(sorted(version.params.items())), numbers, version.tags):
         for name, value in part.items():
             table.add_row(plain_text(name), plain_text(value))

@@ -40,6 +40,7 @@ COMMANDS = {
     "report": ["report", "--out", "reports", "--json"],
     "list": ["models", "list", "--json"],
     "show": ["models", "show", "prolearn-ff1/2", "--json"],
+    "show as a table": ["models", "show", "prolearn-ff1/2"],
     "tune": ["tune", "--arch", "ff1", "--trials", "1", "--epochs", "1", *CRAFT, "--json"],
     "refiner": ["train", "--arch", "refiner", *CRAFT, "--epochs", "1", "--crowded", "4", "--json"],
     "no dataset": ["verify", "nowhere", "--json"],
@@ -132,6 +133,13 @@ def test_models_list_and_show_tell_what_mlflow_has(given, folder):
     assert shown["run_id"] == run.info.run_id
     assert shown["metrics"] == run.data.metrics
     assert shown["params"] == run.data.params
+
+
+def test_a_table_of_a_version_has_no_metric_by_swarm_size_as_of_all_of_them(given):
+    assert "exp2_flown_fuel" in strict(given("show"))["metrics"], "of the last size"
+    table = given("show as a table").stdout
+    assert "exp1_flown_fuel" in table
+    assert "exp2_" not in table
 
 
 def test_evaluate_tells_the_averages_of_the_trials_in_its_run(given, folder):
