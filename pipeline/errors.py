@@ -74,6 +74,15 @@ def check_kind(name: str, value: object, kind: Any) -> None:
         raise InputError(f"{name} is {brief(value)}; expected {wanted}.")
 
 
+def listed(values: Any) -> Any:
+    """The values of an iterable as a list; what is none, as an array of no dimension, unchanged."""
+    try:
+        each = iter(values)
+    except TypeError:
+        return values
+    return list(each)
+
+
 def check_each(name: str, values: object, kind: type) -> None:
     """Refuse what is no list or tuple of instances of a class by an InputError."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):

@@ -4,7 +4,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.errors import InputError, check_choice, check_whole, missing_extra_hint
+from pipeline.errors import (
+    InputError,
+    check_choice,
+    check_each,
+    check_whole,
+    listed,
+    missing_extra_hint,
+)
 from pipeline.scenario import SPLITS
 from pipeline.scenario.scenario import MOST_CRAFT
 
@@ -34,13 +41,15 @@ def read_dataset(
     check_whole("n", n, 1, MOST_CRAFT)
     if isinstance(columns, str):
         raise InputError(f"columns is {columns!r}; expected a list: give [{columns!r}].")
-    columns = None if columns is None else list(columns)
-    for column in columns or ():
+    wanted = None if columns is None else listed(columns)
+    if wanted is not None:
+        check_each("columns", wanted, str)
+    for column in wanted or ():
         check_choice("column", column, [field.name for field in SOLVED_FIELDS])
-    rows = solved_rows(where, n, split, columns)
+    rows = solved_rows(where, n, split, wanted)
     if len(rows) == 0:
         raise without_rows(where, f"rows of n={n} in its {split} split")
-    return rows if columns is None else rows.select(columns)
+    return rows if wanted is None else rows.select(wanted)
 
 
 def models() -> "list[ModelVersion]":

@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from cli.jobs.planner import planner_of
-from pipeline.errors import InputError, check_each, check_kind, check_range
+from pipeline.errors import InputError, check_kind, check_range
 from pipeline.expert.settings import Effort
 from pipeline.flight.effects import Effect, effects
 from pipeline.flight.errors import COLD_GAS, Errors
@@ -19,7 +19,7 @@ from pipeline.plan.plan import Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit, SeparationKind
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner, plans_of
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, scenario_list
 from pipeline.scenario import check as refuse_formations
 from pipeline.scenario.scenario import FURTHEST
 from pipeline.tradeoff import Goal, Point, arcs_between
@@ -80,8 +80,7 @@ def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -
     Raises:
         InputError: where problems differ, or sizes for a network, and as in ``plan``.
     """
-    scenarios = list(scenarios) if isinstance(scenarios, Iterable) else scenarios
-    check_each("scenarios", scenarios, Scenario)
+    scenarios = scenario_list(scenarios)
     for one in scenarios:
         refuse_formations(one)
     return plans_of(_planner_from(planner), scenarios)

@@ -1,7 +1,7 @@
 """Pages and figures of plans for notebooks and files, and plans in formats of other tools."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import BytesIO
@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_kind, missing_extra_hint
+from pipeline.errors import InputError, check_kind, listed, missing_extra_hint
 from pipeline.figures.labels import label_name
 from pipeline.figures.style import in_style, make_visible, save
 from pipeline.figures.transfer import Example, transfer_figure
@@ -87,7 +87,8 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     """
     if isinstance(what, MonteCarlo):
         return Plot(what.figure())
-    found = list(what) if isinstance(what, Iterable) else [what]
+    each = listed(what)
+    found = each if isinstance(each, list) else [what]
     points = [one for one in found if isinstance(one, Point)]
     plans = [one for one in found if isinstance(one, Plan)]
     if not found or len(found) not in (len(points), len(plans)):

@@ -11,7 +11,7 @@ from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight
 from pipeline.plan.judge import Draft, certified_plans
 from pipeline.plan.plan import INFEASIBLE, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, scenario_list
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Expert:
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
-        plans = solve_many(scenarios, settings=self.settings, requirements=self.requirements)
+        asked = scenario_list(scenarios)
+        plans = solve_many(asked, settings=self.settings, requirements=self.requirements)
         return [replace(plan, planner=self.name) for plan in plans]
 
 
@@ -38,7 +39,8 @@ class Baseline:
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario."""
-        return plans_from_controls(self.name, scenarios, self.controls, self.requirements)
+        asked = scenario_list(scenarios)
+        return plans_from_controls(self.name, asked, self.controls, self.requirements)
 
 
 def _straight_line(batch: Batch) -> Controls:

@@ -29,7 +29,7 @@ from pipeline.orbit.passive_safety import allowed_goals
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan
 from pipeline.planners.planner import PlannerWrapper
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, scenario_list
 
 # Largest number of assignments planned besides the given order. On 100 crowded scenarios of ten
 # craft (family dense) the best of 1, 4, 8 and 16 is 1.51, 1.19, 1.18 and 1.18 % above the bound, on
@@ -213,7 +213,7 @@ class GoalAssignment(PlannerWrapper):
         The certificate's lower bound on the fuel holds for all assignments. Where in each a craft
         provably cannot reach its goal, the plan is INFEASIBLE, with the given order.
         """
-        if not scenarios:
+        if not (scenarios := scenario_list(scenarios)):
             return []
         if any(one.problem.thrust.objective == "fair" for one in scenarios):
             raise InputError(

@@ -19,7 +19,7 @@ from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.planners.classical import plans_from_controls
 from pipeline.planners.planner import PlannerWrapper, requiring
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, scenario_list
 
 SAME = 1e-6  # relative difference up to which mean motions or time steps count as equal
 # The expert limited to one round of convex programs, linearized about the network's plan
@@ -41,6 +41,7 @@ class NetworkPlanner:
         weights; the certificate shows how good that is. InputError where they do not fit the
         number of nodes, or the scenarios differ in n.
         """
+        scenarios = scenario_list(scenarios)
         if len(sizes := {scenario.n for scenario in scenarios}) > 1:
             raise InputError(
                 f"scenarios have {sorted(sizes)} craft; expected one size for a network: plan "
@@ -78,7 +79,8 @@ class Seeded(PlannerWrapper):
 
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, safe wherever the expert finds one."""
-        seeds, asked = self.planner.plan(scenarios), self.requirements
+        scenarios, asked = scenario_list(scenarios), self.requirements
+        seeds = self.planner.plan(scenarios)
         plans = nominal_plans(scenarios, [seed.controls for seed in seeds], self.settings, asked)
         for k, (seed, plan) in enumerate(zip(seeds, plans, strict=True)):
             stages = {f"seed_{stage}": seconds for stage, seconds in seed.timing.items()}

@@ -2,7 +2,7 @@
 
 from pipeline.scenario.diagnostic import Diagnostic
 from pipeline.scenario.families import FAMILIES, SPLITS, draw, draw_many
-from pipeline.scenario.scenario import Scenario, participants, shared_problem
+from pipeline.scenario.scenario import Scenario, participants, scenario_list, shared_problem
 from pipeline.scenario.validation import check, diagnostics
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "draw",
     "draw_many",
     "participants",
+    "scenario_list",
     "shared_problem",
 ]

@@ -1,6 +1,6 @@
 """A scenario: the states that each craft starts from and must reach."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_choice, check_each, check_kind, is_number
+from pipeline.errors import InputError, check_choice, check_each, check_kind, is_number, listed
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
@@ -237,6 +237,13 @@ def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
     radii, obstacles = [one.radii for one in scenarios], [one.obstacles for one in scenarios]
     corridors = [one.corridors for one in scenarios]
     return Participants(scenarios[0].problem, radii, obstacles, corridors)
+
+
+def scenario_list(scenarios: Iterable[Scenario]) -> list[Scenario]:
+    """Scenarios of any iterable as a list; InputError for anything else."""
+    found = listed(scenarios)
+    check_each("scenarios", found, Scenario)
+    return found
 
 
 def shared_problem(scenarios: Sequence[Scenario]) -> Problem:

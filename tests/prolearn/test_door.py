@@ -460,6 +460,27 @@ def test_numpys_integers_and_any_iterable_of_scenarios_are_taken(plan):
     assert len(planned) == len(prolearn.plan_all(objects, "straight-line")) == 1
 
 
+@pytest.mark.parametrize("name", ["expert", "refiner", "straight-line"])
+@pytest.mark.parametrize("assignment", ["given", "optimal"])
+def test_planners_take_any_iterable_of_scenarios_and_refuse_what_is_none(plan, name, assignment):
+    chosen = prolearn.planner(name, assignment=assignment)
+    assert len(chosen.plan(one for one in [plan.scenario])) == 1
+    nothing = np.array(plan.scenario, dtype=object)  # of no dimension, so that it has no rows
+    for wrong in ([1], plan.scenario, None, [[plan.scenario]], "abc", nothing):
+        with pytest.raises(InputError, match=r"scenarios is .*; expected a list of Scenario"):
+            chosen.plan(wrong)
+
+
+def test_an_array_of_no_dimension_is_no_list(plan):
+    with pytest.raises(InputError, match=r"scenarios is array.*; expected a list of Scenario"):
+        prolearn.plan_all(np.array(plan.scenario, dtype=object))
+    with pytest.raises(InputError, match="nothing to plot in array"):
+        prolearn.plot(np.array(plan, dtype=object))
+    for wrong in (5, np.array("fuel")):
+        with pytest.raises(InputError, match=r"columns is .*; expected a list of str"):
+            prolearn.read_dataset("ds", 3, columns=wrong)
+
+
 def test_formations_that_are_too_close_are_refused_by_all_that_plans():
     close = prolearn.scenario([Ring(phases_deg=[0.0, 1.0], size=100)], [Ring(craft=2, size=100)])
     for ask in (lambda: prolearn.plan_all([close]), lambda: prolearn.tradeoff(close, 1200, 1440)):
