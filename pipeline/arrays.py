@@ -5,13 +5,12 @@ Tests check the shapes. The functions run on arrays and tensors; torch is never 
 
 import sys
 from dataclasses import fields
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.errors import check_kind
+from pipeline.errors import check_kind, is_number
 
 __all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # jaxtyping's, re-exported
 
@@ -51,11 +50,20 @@ def fields_as_python(of: Any) -> None:
 
 
 def _as_python(given: Any) -> Any:
-    if isinstance(given, np.ndarray | np.generic):
-        given = given.tolist()
+    given = as_lists(given)
     if isinstance(given, list | tuple):
         return tuple(map(_as_python, given))
-    return float(given) if isinstance(given, Real) and not isinstance(given, int) else given
+    return float(given) if is_number(given) and not isinstance(given, int) else given
+
+
+def as_lists(given: Any) -> Any:
+    """An array or table of any library as lists and numbers; a time, or anything else, as it is."""
+    if isinstance(given, type):
+        return given
+    if not hasattr(given, "tolist") and hasattr(given, "__array__"):  # such as a DataFrame
+        given = np.asarray(given)
+    is_time = isinstance(given, np.ndarray | np.generic) and given.dtype.kind in "mM"
+    return given.tolist() if hasattr(given, "tolist") and not is_time else given
 
 
 def plain(values: Any) -> Shaped[Array, "..."]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from math import isfinite
 from numbers import Integral, Real
 from reprlib import repr as brief
@@ -19,16 +20,17 @@ class InputError(ProlearnError):
 
 def is_number(value: object) -> bool:
     """Whether a value is a real number, of Python or numpy, but no boolean, and fits a float."""
-    if isinstance(value, int) and abs(value) > float_info.max:
+    most = float_info.max
+    if isinstance(value, int | Fraction) and not -most <= value <= most:
         return False
-    return isinstance(value, float | Real) and not isinstance(value, bool)
+    return is_whole(value) or (isinstance(value, float | Real) and not isinstance(value, Integral))
 
 
 def check_range(name: str, value: float | int, least: float | int, most: float | int) -> None:
     """Refuse a number out of range, or what is none, by an InputError that names the quantity."""
     if not is_number(value):
         raise InputError(f"{name} is {brief(value)}; expected a number from {least} to {most}.")
-    if not least <= value <= most:
+    if not least <= float(value) <= most:
         given, low, high = map(_short, (value, least, most))
         raise InputError(f"{name} is {given}; expected a number from {low} to {high}.")
 
@@ -40,8 +42,9 @@ def check_finite(name: str, value: float, unit: str) -> None:
 
 
 def is_whole(value: object) -> bool:
-    """Whether a value is an integer, of Python or numpy; booleans are not."""
-    return isinstance(value, Integral) and not isinstance(value, bool)
+    """Whether a value is an integer, of Python or numpy; booleans and spans of time are not."""
+    whole = isinstance(value, Integral) and hasattr(value, "__index__")  # as numpy's spans have not
+    return whole and not isinstance(value, bool)
 
 
 def check_whole(name: str, value: int, least: int, most: int) -> None:

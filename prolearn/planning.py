@@ -177,6 +177,7 @@ def monte_carlo(
     asked = plan.scenario
     check_range("size", size, 0.0, FURTHEST)
     check_range("sigmas", sigmas, 0.0, MOST_SIGMAS)
+    size, sigmas = float(size), float(sigmas)
     planner, with_feedback = None, replan == "feedback"
     if replan is not None and not with_feedback:
         planner = _planner_from(replan, plan.requirements)

@@ -10,7 +10,7 @@ from typing import Any, NotRequired, TypedDict
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from pipeline.arrays import Array
+from pipeline.arrays import Array, as_lists
 from pipeline.errors import check_kind
 from pipeline.files import path_of
 from pipeline.orbit.corridors import Corridor
@@ -191,9 +191,7 @@ def _end(given: Any) -> Any:
 
 def _listed(given: Any) -> Any:
     """A value that is not JSON: an array as lists and numbers, anything else as text."""
-    if not hasattr(given, "tolist") and hasattr(given, "__array__"):  # such as a DataFrame
-        given = np.asarray(given)
-    plain = repr(given) if isinstance(given, type) else getattr(given, "tolist", given.__repr__)()
+    plain = as_lists(given)
     if isinstance(plain, np.floating):  # a long double, which lists as itself
         return float(plain)
-    return repr(plain) if isinstance(plain, np.generic) else plain
+    return repr(plain) if plain is given or isinstance(plain, np.generic) else plain

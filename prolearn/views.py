@@ -76,6 +76,7 @@ class Plot:
 def show(plan: Plan, name: str = "plan") -> Page:
     """A page of a plan: paths with a slider, separations, controls, certificate, found anew."""
     check_kind("plan", plan, Plan)
+    check_kind("name", name, str)
     return Page(page(plan, name)[0])
 
 

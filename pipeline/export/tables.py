@@ -8,7 +8,7 @@ from reprlib import repr as brief
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, as_lists
 from pipeline.errors import InputError, is_number
 from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import published, write_rows
@@ -91,7 +91,7 @@ class Masses:
 
 
 def _per_craft(name: str, given: NumberOrEach, n: int) -> Float[Array, "n"]:
-    values = np.atleast_1d(np.array(given, dtype=object))
+    values = np.atleast_1d(np.array(as_lists(given), dtype=object))
     fine = all(one is None or (is_number(one) and 0 < one < np.inf) for one in values.flat)
     if not fine or values.shape not in ((1,), (n,)):
         few = values.ravel()[:4].tolist()

@@ -72,7 +72,8 @@ class Obstacle:
     @property
     def axes(self) -> tuple[float, ...]:
         """Semi-axes of the ellipsoid, or the radius three times, m."""
-        return self.semi_axes or (self.radius or 0.0,) * 3
+        radius = 0.0 if self.radius is None else self.radius
+        return (radius,) * 3 if self.semi_axes is None else self.semi_axes
 
     def wider(self, by: float) -> "Obstacle":
         """The obstacle with its radius or semi-axes larger by a length, m."""

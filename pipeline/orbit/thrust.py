@@ -61,7 +61,7 @@ class Thrust:
         fields_as_python(self)
         if isinstance(self.model, tuple):
             check_directions(self.model)
-        elif self.model not in (COMPONENTS, NORM):
+        elif not isinstance(self.model, str) or self.model not in (COMPONENTS, NORM):
             raise InputError(
                 f"thrust is {self.model!r}; expected components, norm or a list of directions."
             )

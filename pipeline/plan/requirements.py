@@ -93,7 +93,7 @@ class Requirements:
 
     def __post_init__(self) -> None:
         fields_as_python(self)
-        if self.separation not in get_args(SeparationKind):
+        if not isinstance(self.separation, str) or self.separation not in get_args(SeparationKind):
             raise InputError(
                 f"separation is {self.separation!r}; expected continuous or nodes, to keep craft "
                 "apart at all times or at the nodes only."

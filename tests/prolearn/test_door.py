@@ -40,6 +40,7 @@ HUGE = 10**400  # no float
 AXES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
 BOX = prolearn.Box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 NAN = float("nan")
+MINUTES = np.timedelta64(20, "m")
 NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
 
 
@@ -75,6 +76,18 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.RiskLimit(1e-3), "risk is 0.001 and no error is given"),
         (lambda: prolearn.RiskLimit(1e-3, 0.0, 0.0, 0.0), "no error is given"),
         (lambda: prolearn.RiskLimit(1e-3, errors=prolearn.Errors(missed=0.1)), "no error is given"),
+        (lambda: prolearn.Requirements(pd.Series(["nodes"])), "separation is .*; expected continu"),
+        (lambda: prolearn.Thrust(pd.NA), "thrust is <NA>; expected components, norm or a list"),
+        (lambda: prolearn.Obstacle("o", (0,) * 6, pd.NA), "expected 3 finite numbers"),
+        (lambda: prolearn.Obstacle("o", (0,) * 6, semi_axes=()), r"is \(\); expected 3 finite"),
+        (lambda: prolearn.Obstacle("o", (0,) * 6, pd.Series([1.0, 2.0])), "expected 3 finite num"),
+        (lambda: prolearn.Problem(time_step=MINUTES), "time_step is .*; expected a number from"),
+        (lambda: prolearn.Problem(time_step=Fraction(HUGE)), "time_step is .*; expected a number"),
+        (lambda: prolearn.Spacecraft(mass=np.timedelta64("NaT")), "mass is .*; expected a number"),
+        (lambda: Reference(NOON, 51.6, MINUTES, 0), "raan_deg is .*; expected a finite number"),
+        (lambda: prolearn.draw("rings", MINUTES, 4, 0, prolearn.Problem()), "seed is .*; expected"),
+        (lambda: prolearn.tradeoff(swap(), MINUTES, 1800), "duration is 20 minutes to 1800 s; exp"),
+        (lambda: prolearn.tradeoff(swap(), Fraction(5, 2), 1800), "duration begins at 2.5 s; exp"),
         (lambda: prolearn.RiskLimit(1e-3, 0.1, errors=prolearn.COLD_GAS), "a sigma is given besid"),
         (lambda: prolearn.RiskLimit("1e-3", 0.1), "risk is '1e-3'; expected a probability"),
         (lambda: prolearn.RiskLimit(1e-3, "0.1"), "navigation_sigma is '0.1'; expected a number"),
@@ -439,6 +452,9 @@ def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
         (lambda p: prolearn.convert(p, "burns", "b", mass=iter([4.0] * 6)), "mass is <.*; exp"),
         (lambda p: prolearn.convert(p, "burns", "b", mass=[[1], [2, 3]]), "mass is .1., .2, 3.; e"),
         (lambda p: prolearn.plot(p).write(5), "path is 5; expected str or PathLike"),
+        (lambda p: prolearn.show(p, 5), "name is 5; expected str"),
+        (lambda p: prolearn.monte_carlo(p, 1, size=MINUTES), "size is .*; expected a number from"),
+        (lambda p: prolearn.convert(p, "burns", "b", mass=MINUTES), "mass is .*; expected a pos"),
         (lambda p: prolearn.show(p).write(None), "path is None; expected str or PathLike"),
     ],
 )
@@ -479,6 +495,16 @@ def test_an_array_of_no_dimension_is_no_list(plan):
     for wrong in (5, np.array("fuel")):
         with pytest.raises(InputError, match=r"columns is .*; expected a list of str"):
             prolearn.read_dataset("ds", 3, columns=wrong)
+
+
+def test_tables_and_numbers_of_other_libraries_mean_what_lists_and_floats_do(plan):
+    place = pd.Series([30.0, -80.0, 20.0])
+    assert prolearn.Waypoint(0, place) == prolearn.Waypoint(0, (30.0, -80.0, 20.0))
+    assert prolearn.Waypoint(0, torch.tensor(place)) == prolearn.Waypoint(0, (30.0, -80.0, 20.0))
+    assert prolearn.Thrust(pd.DataFrame(AXES)) == prolearn.Thrust(AXES)
+    half = np.float16(0.5)
+    found = [prolearn.monte_carlo(plan, 2, size=one, sigmas=one) for one in (half, 0.5)]
+    assert type(found[0].size) is float and found[0].summaries == found[1].summaries
 
 
 def test_formations_that_are_too_close_are_refused_by_all_that_plans():
