@@ -39,10 +39,11 @@ class Reference:
 
 
 def is_epoch(given: object) -> bool:
-    """Whether a value is a date and time with a time zone, in the years that are accepted."""
-    if not isinstance(given, datetime) or given.utcoffset() is None:
+    """Whether a value is a date and time with a time zone, in the years that are accepted, UTC."""
+    # Years first, since pandas' missing time has none
+    if not isinstance(given, datetime) or not YEARS[0] <= given.year <= YEARS[1]:
         return False
-    return YEARS[0] < given.year < YEARS[1]
+    return given.utcoffset() is not None and YEARS[0] < given.astimezone(UTC).year < YEARS[1]
 
 
 def utc_epoch(given: datetime) -> datetime:

@@ -42,6 +42,7 @@ BOX = prolearn.Box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 NAN = float("nan")
 MINUTES = np.timedelta64(20, "m")
 NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
+EARLY = datetime(1961, 1, 1, 0, 30, tzinfo=timezone(timedelta(hours=2)))  # of 1960 in UTC
 
 
 @pytest.mark.parametrize(
@@ -95,6 +96,8 @@ NOON = datetime(2026, 3, 1, 12, tzinfo=UTC)
         (lambda: prolearn.tradeoff(swap(), NAN, 1200), "duration is nan to 1200 s"),
         (lambda: Reference(NOON.replace(tzinfo=None), 51.6, 0, 0), "12:00:00; expected a datetime"),
         (lambda: Reference(NOON.replace(year=1900), 51.6, 0, 0), "between 1960 and 2200"),
+        (lambda: Reference(pd.NaT, 51.6, 0, 0), "epoch is NaT; expected a datetime with its zone"),
+        (lambda: Reference(EARLY, 51.6, 0, 0), "epoch is 1961-01-01 00:30.*between 1960 and 2200"),
         (lambda: Reference("2026-03-01T12:00:00Z", 51.6, 0, 0), "epoch is 2026-03-01T12:00:00Z"),
         (lambda: Reference(NOON, 200, 0, 0), "inclination_deg is 200"),
         (lambda: Reference(NOON, 51.6, NAN, 0), "raan_deg is nan"),
