@@ -1,15 +1,20 @@
 """How the expert works; what its plans must satisfy is in ``pipeline.plan.requirements``."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, fields_as_python
+from pipeline.errors import check_choice, check_range, check_whole
 from pipeline.orbit.approaches import PROVABLE
 
 REFERENCE = 15.0  # separation, m, from which on margins are so many metres; below it they shrink
+LARGEST = 1_000_000  # of any number in settings
 LEAST_MARGIN = 3 * PROVABLE  # of what a later search for close approaches may find nearer, m
+
+Stop = Literal["converged", "first-safe"]
+Solver = Literal["simplex", "clarabel"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class Settings:
         solver: the subproblem by the simplex method of HiGHS or by the interior points of Clarabel.
     """
 
-    stop: Literal["converged", "first-safe"] = "converged"
+    stop: Stop = "converged"
     gap_tolerance: float = 1e-3
     improvement: float = 1e-3
     starts: int = 1
@@ -44,7 +49,16 @@ class Settings:
     cut_spread: float = 0.0
     max_rounds: int = 60
     passive_safety_starts: int = 8
-    solver: Literal["simplex", "clarabel"] = "simplex"
+    solver: Solver = "simplex"
+
+    def __post_init__(self) -> None:
+        fields_as_python(self)
+        check_choice("stop", self.stop, get_args(Stop))
+        check_choice("solver", self.solver, get_args(Solver))
+        for name in ("gap_tolerance", "improvement", "margin", "look_ahead", "cut_spread"):
+            check_range(name, getattr(self, name), 0.0, LARGEST)
+        for name, least in (("starts", 1), ("max_rounds", 0), ("passive_safety_starts", 0)):
+            check_whole(name, getattr(self, name), least, LARGEST)
 
     def margin_at(self, separation: Float[Array, "*pairs"]) -> Float[Array, "*pairs"]:
         """Margin beyond each pair's required separation, m, for that separation, m."""

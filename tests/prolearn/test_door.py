@@ -138,6 +138,11 @@ EARLY = datetime(1961, 1, 1, 0, 30, tzinfo=timezone(timedelta(hours=2)))  # of 1
                 ([(1000, float("inf"))], r"no_burn\[0\] is \(1000, inf\); expected 2 finite numb"),
             )
         ),
+        (lambda: prolearn.Settings(stop="first"), "stop is 'first'; expected converged or first"),
+        (lambda: prolearn.Settings(solver="highs"), "solver is 'highs'; expected simplex or clara"),
+        (lambda: prolearn.Settings(margin=NAN), "margin is nan; expected a number from 0 to"),
+        (lambda: prolearn.Settings(starts=0), "starts is 0; expected a number from 1 to"),
+        (lambda: prolearn.Settings(max_rounds=2.5), "max_rounds is 2.5; expected a whole number"),
         (lambda: prolearn.Thrust(None), "thrust is None; expected components, norm or a list"),
         (lambda: prolearn.Thrust([*AXES, (1, 0)]), r"thrust\[6\] is \(1, 0\); expected 3 finite"),
         (lambda: prolearn.Thrust([("1", 0, 0)] * 4), r"thrust\[0\] is .*; expected 3 finite"),
