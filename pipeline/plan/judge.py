@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.orbit.arrays import Controls
+from pipeline.orbit.arrays import Controls, CraftMask, States
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust_cost import exceeded_limits
@@ -27,6 +27,7 @@ EXCEEDS = {
 }
 POSITION_TOLERANCE = 1e-6  # largest miss of a position that counts as rounding, m
 VELOCITY_TOLERANCE = 1e-9  # largest miss of a velocity that counts as rounding, m/s
+COMPUTABLE = 1e12  # largest distance of craft from the origin, m; there rounding is 0.1 mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,8 @@ def certified_plans(
 ) -> list[Plan]:
     """The plans of a planner's controls for scenarios of one problem, with their status.
 
-    ``as_flown``, motion is nonlinear about the problem's reference orbit; else it is linear.
+    ``as_flown``, motion is nonlinear about the problem's reference orbit; else it is linear, and
+    craft whose controls lead too far away to compute with coast instead, and miss their goals.
     """
     if not scenarios:
         return []
@@ -63,8 +65,13 @@ def certified_plans(
         flights = [NonlinearFlight(s.initial, one.controls, problem) for s, one in both]
         states = np.concatenate([flight.states for flight in flights])
     else:
+        initial = np.concatenate([s.initial for s in scenarios])
         controls = _with_coasts(controls, scenarios)
-        states = fly(np.concatenate([s.initial for s in scenarios]), controls, problem)
+        states = fly(initial, controls, problem)
+        lost = ~is_computable(states, controls, problem)
+        if lost.any():  # arithmetic has no meaning there
+            controls[lost] = 0.0
+            states = fly(initial, controls, problem)
     bounds = [(one.fuel_lower_bound, one.proof) for one in drafts]
     shares = [one.least_share for one in drafts]
     certificates = certify(scenarios, states, controls, bounds, requirements, flights, shares)
@@ -87,6 +94,13 @@ def certified_plans(
         )
         plans.append(with_status(plan))
     return plans
+
+
+def is_computable(states: States, controls: Controls, problem: Problem) -> CraftMask:
+    """Which craft stay within COMPUTABLE, at nodes and, by the size of controls, between them."""
+    at_nodes = np.abs(states[..., :3]).max(axis=(1, 2))
+    between = np.abs(controls).max(axis=(1, 2)) * problem.time_step**2
+    return np.asarray((at_nodes <= COMPUTABLE) & (between <= COMPUTABLE))
 
 
 def _with_coasts(controls: Controls, scenarios: Sequence[Scenario]) -> Controls:

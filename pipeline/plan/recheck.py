@@ -11,11 +11,18 @@ from pipeline.errors import InputError
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import FAR
+from pipeline.orbit.transfer import fly
 from pipeline.plan.certificate import Certificate
-from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan, violations
+from pipeline.plan.judge import (
+    COMPUTABLE,
+    POSITION_TOLERANCE,
+    Draft,
+    certified_plan,
+    is_computable,
+    violations,
+)
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import refuse_risk
-from pipeline.scenario.scenario import FURTHEST
 
 RELATIVE = 1e-6  # share by which a claimed cost may differ from the recomputed one
 SAME_RISK = 1e-2  # share by which a claimed risk may be below ours: accuracy of the quadrature
@@ -56,11 +63,13 @@ def recheck(claimed: Plan) -> Rechecked:
     InputError for controls too large to compute with, and for a risk that cannot be required.
     """
     problem, claims = claimed.scenario.problem, claimed.certificate
-    most = float(np.abs(claimed.controls).max())
-    if not most * problem.duration**2 <= FURTHEST:  # arithmetic has no meaning there
+    with np.errstate(all="ignore"):
+        there = fly(claimed.scenario.initial, claimed.controls, problem)
+        fine = is_computable(there, claimed.controls, problem)
+    if not fine.all():
         raise InputError(
-            f"the controls reach {most:.3g} m/s², which leads beyond "
-            f"{FURTHEST:g} m; expected the accelerations of a relative transfer, in m/s²."
+            f"the controls reach {np.abs(claimed.controls).max():.3g} m/s², which leads beyond "
+            f"{COMPUTABLE:g} m; expected the accelerations of a relative transfer, in m/s²."
         )
     bound = claims.fuel_lower_bound, claims.fuel_lower_bound_proof
     share = claims.largest_share.bound if claims.largest_share else 0.0

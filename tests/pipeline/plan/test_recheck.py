@@ -15,6 +15,7 @@ from pipeline.plan.judge import Draft, certified_plan
 from pipeline.plan.plan import SOLVED, UNSOLVED, summary
 from pipeline.plan.recheck import recheck
 from pipeline.plan.requirements import Requirements, RiskLimit
+from pipeline.planners.classical import BASELINES, Expert
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show.tables import certificate_rows, verdict
@@ -133,6 +134,17 @@ def test_a_gap_to_a_bound_of_nothing_is_no_number(plan):
 def test_controls_beyond_all_measure_are_refused_in_a_sentence(plan):
     with pytest.raises(InputError, match=r"controls reach 1e\+200 m/s²"):
         recheck(replace(plan, controls=np.full_like(plan.controls, 1e200)))
+
+
+@pytest.mark.parametrize("orbits", [0.5, 1.0])
+@pytest.mark.parametrize("off", [1e-4, 1e-7, 1e-8, 1e-9, 1e-12])
+def test_plans_of_time_steps_near_half_and_whole_orbits_can_be_shown(orbits, off):
+    """Controls grow beyond all measure there; those that cannot be computed with are not kept."""
+    step = (1 + off) * orbits * 2 * np.pi / Problem.mean_motion
+    scenario = replace(SCENARIO, problem=Problem(time_step=step))
+    for planner in (*BASELINES, Expert()):
+        (made,) = planner.plan([scenario])
+        assert bool(recheck(made).faults) == (made.status != SOLVED)
 
 
 def test_a_proven_bound_is_never_rounded_up(plan):
