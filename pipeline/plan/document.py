@@ -1,6 +1,7 @@
 """plan.json (schema prolearn.plan/2): a plan with its scenario, written and read."""
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,14 +10,14 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from pipeline.documents import DIALECT, Strict, read_document, write_document
-from pipeline.errors import InputError, check_kind
+from pipeline.errors import InputError, check_kind, is_number
 from pipeline.files import path_of
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
 from pipeline.plan.requirements import SeparationKind
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ScenarioDocument, document_of
-from pipeline.scenario.part_documents import Number, OrbitDocument, State
+from pipeline.scenario.part_documents import Number, OrbitDocument, State, Whole
 
 SCHEMA = "prolearn.plan/2"
 WHAT = f"a plan file (schema {SCHEMA})"
@@ -25,6 +26,8 @@ OPTIONAL = (
     *("risk", "passive_safety", "largest_share", "smallest_burn", "craft_delta_v_thrusters"),
     *("clearance", "corridor", "waypoint_error", "waypoint_velocity_error"),
 )
+
+TEXTS = (".fuel_lower_bound_proof", ".other")  # fields of certificates that are or may be text
 
 Control = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -56,7 +59,7 @@ class PlanDocument(Strict):
         description="By craft and interval: acceleration ux uy uz, LVLH, m/s², held constant."
     )
     certificate: Certificate = Field(description="What the plan costs and how safe it is.")
-    convex_solves: int = Field(0, description="Joint convex programs that the plan took.")
+    convex_solves: Whole = Field(0, description="Joint convex programs that the plan took.")
     timing: dict[str, float] = Field(default_factory=dict, description="By stage, s.")
     assignment: Assignment | None = Field(
         None, description="Who takes which goal, where that was chosen; the scenario has it so."
@@ -80,6 +83,19 @@ class PlanDocument(Strict):
             return given
         gap = {"optimality_gap": math.inf} if given.get("optimality_gap", 0) is None else {}
         return {"goal_velocity_error": math.nan} | given | gap
+
+    @field_validator("certificate", "assignment", "timing", mode="wrap")
+    @classmethod
+    def _numbers(cls, given: Any, validated: Callable[[Any], Any]) -> Any:
+        """Refuse text, booleans and what is not finite where numbers are expected."""
+        found = validated(given)
+        for place, value in _leaves(given):
+            text = place.endswith(TEXTS) and isinstance(value, str)
+            if not text and value is not None and not (is_number(value) and math.isfinite(value)):
+                raise ValueError(
+                    f"{place.lstrip('.')} is {value!r}: expected a finite number, without quotes"
+                )
+        return found
 
     @model_validator(mode="after")
     def _one_shape(self) -> "PlanDocument":
@@ -106,6 +122,19 @@ class PlanDocument(Strict):
         given |= {name: np.array(getattr(self, name)) for name in ("states", "controls")}
         others = (field.name for field in fields(Plan) if field.name not in given)
         return Plan(**given, **{name: getattr(self, name) for name in others})
+
+
+def _leaves(given: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """What is no object and no list in a JSON value, each with its path; of empty ones nothing."""
+    if isinstance(given, dict):
+        parts = [(f"{place}.{name}", one) for name, one in given.items()]
+    elif isinstance(given, list):
+        parts = [(f"{place}[{k}]", one) for k, one in enumerate(given)]
+    else:
+        yield place, given
+        return
+    for where, one in parts:
+        yield from _leaves(one, where)
 
 
 def plan_document(plan: Plan) -> dict[str, Any]:

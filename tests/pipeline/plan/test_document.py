@@ -113,6 +113,31 @@ def test_files_of_version_1_which_leave_out_the_scenario_are_refused(written):
         read_plan(path)
 
 
+@pytest.mark.parametrize("wrong", ["1", True, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    "place",
+    [
+        ("certificate", "fuel"),
+        ("certificate", "min_separation_pair", 0),
+        ("certificate", "craft_delta_v", 1),
+        ("assignment", "slots", 1),
+        ("assignment", "saving"),
+        ("timing", "plan"),
+        ("convex_solves",),
+    ],
+)
+def test_what_is_no_number_is_not_taken_for_one(written, place, wrong):
+    document = json.loads(written[1].read_text())
+    document["assignment"] = {"slots": [0, 1, 2, 3], **KNOWN}
+    inside = document
+    for name in place[:-1]:
+        inside = inside[name]
+    inside[place[-1]] = wrong
+    written[1].write_text(json.dumps(document))
+    with pytest.raises(InputError, match=rf"{place[0]}.* is .*(number|integer)"):
+        read_plan(written[1])
+
+
 def test_certificates_that_do_not_say_by_which_velocity_the_goal_is_missed_are_read(written):
     plan, path = written
     document = json.loads(path.read_text())
