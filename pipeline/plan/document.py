@@ -149,6 +149,8 @@ def plan_document(plan: Plan) -> dict[str, Any]:
     claims = asdict(found) | {"optimality_gap": plan.optimality_gap}
     if found.passive_safety is not None:
         claims["passive_safety"] = found.passive_safety.document()
+    if math.isnan(found.goal_velocity_error):  # as of early files, which lack it
+        del claims["goal_velocity_error"]
     given = {name: claim for name in OPTIONAL if (claim := claims.pop(name)) not in (None, ())}
     for name, value in claims.items():
         if isinstance(value, float) and not math.isfinite(value):

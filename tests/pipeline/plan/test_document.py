@@ -146,6 +146,8 @@ def test_certificates_that_do_not_say_by_which_velocity_the_goal_is_missed_are_r
     read = read_plan(path)
     assert np.array_equal(read.controls, plan.controls)
     assert np.isnan(read.certificate.goal_velocity_error)
+    write_plan(path, read)
+    assert np.isnan(read_plan(path).certificate.goal_velocity_error)
 
 
 @pytest.mark.parametrize(
