@@ -20,6 +20,7 @@ from pipeline.plan.judge import (
     certified_plan,
     is_computable,
     violations,
+    with_status,
 )
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import refuse_risk
@@ -78,6 +79,11 @@ def recheck(claimed: Plan) -> Rechecked:
     flown = certified_plan(
         claimed.planner, scenario, draft, requirements, as_flown=claimed.as_flown
     )
+    if claims.risk is not None:
+        refuse_risk([claimed.scenario], closed_loop=claims.risk.feedback is not None)
+        # With the errors named in the file
+        risk = claims.risk.judge(flown.states, flown.controls, problem)
+        flown = with_status(replace(flown, certificate=replace(flown.certificate, risk=risk)))
     faults = [f"The plan is {claimed.status}: {claimed.message}"] * (claimed.status != SOLVED)
     if flown.status != SOLVED and flown.message != claimed.message:
         faults.append(flown.message[0].upper() + flown.message[1:])
@@ -90,10 +96,6 @@ def recheck(claimed: Plan) -> Rechecked:
     found = flown.certificate
     wrong = violations(flown).keys()
     unsafe = wrong & {"separation", "passive safety", "corridor"}
-    if claims.risk is not None:
-        refuse_risk([claimed.scenario], closed_loop=claims.risk.feedback is not None)
-        # With the errors named in the file
-        found = replace(found, risk=claims.risk.judge(flown.states, flown.controls, problem))
     if claims.smallest_burn and found.smallest_burn:  # only the planner knows the plan without it
         without = claims.smallest_burn.fuel_without
         found = replace(found, smallest_burn=replace(found.smallest_burn, fuel_without=without))

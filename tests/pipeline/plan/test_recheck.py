@@ -158,11 +158,15 @@ def test_a_risk_is_found_anew_and_a_false_one_named(plan):
     careful = within_risk(plan, limit)
     shown = recheck(careful)
     assert (shown.faults, careful.status) == ((), SOLVED)
-    risk = careful.certificate.risk
+    found = careful.certificate
+    risk = found.risk
     rows = dict(certificate_rows(shown.plan, SOLVED))
     assert rows["Risk of a pair within r_col in open loop, at most"] == f"{risk.bound:.3g}"
     assert rows["Asked for"] == "0.01"
-    less = replace(careful.certificate, risk=replace(risk, bound=risk.bound / 2))
+    asked = replace(risk, asked=risk.bound / 2)
+    (fault,) = recheck(replace(careful, certificate=replace(found, risk=asked))).faults
+    assert fault.startswith("The risk that a pair comes within 15 m is bounded by")
+    less = replace(found, risk=replace(risk, bound=risk.bound / 2))
     (fault,) = recheck(replace(careful, certificate=less)).faults
     assert fault.startswith(f"The file claims risk.bound {risk.bound / 2:.6g}, its controls give")
 
