@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.errors import check_kind, is_number
+from pipeline.errors import check_kind, check_text, is_number
 
 __all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # jaxtyping's, re-exported
 
@@ -39,14 +39,16 @@ def namespace(values: Any) -> Any:
 def fields_as_python(of: Any) -> None:
     """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them.
 
-    InputError where a boolean or text field has a value of another type.
+    InputError where a boolean or text field has a value of another type, or text no Unicode.
     """
     for field in fields(of):
         given = getattr(of, field.name)
         if (made := _as_python(given)) is not given:
             object.__setattr__(of, field.name, made)
-        if field.type in (bool, str):
-            check_kind(field.name, made, field.type)
+        if field.type is bool:
+            check_kind(field.name, made, bool)
+        if field.type is str:
+            check_text(field.name, made)
 
 
 def _as_python(given: Any) -> Any:

@@ -86,6 +86,13 @@ def listed(values: Any) -> Any:
     return list(each)
 
 
+def check_text(name: str, value: Any) -> None:
+    """Refuse what is no text, or not Unicode, which no file can hold, by an InputError."""
+    check_kind(name, value, str)
+    if any("\ud800" <= one <= "\udfff" for one in value):
+        raise InputError(f"{name} is {value!a}; expected text without halves of characters.")
+
+
 def check_each(name: str, values: object, kind: type) -> None:
     """Refuse what is no list or tuple of instances of a class by an InputError."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from pipeline.documents import DIALECT, Strict, read_document, write_document
-from pipeline.errors import InputError, check_kind, is_number
+from pipeline.errors import InputError, check_kind, check_text, is_number
 from pipeline.files import path_of
 from pipeline.plan.certificate import Certificate
 from pipeline.plan.plan import Assignment, Plan
@@ -140,6 +140,8 @@ def _leaves(given: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 def plan_document(plan: Plan) -> dict[str, Any]:
     """The fields of a plan file; what is infinite or absent becomes null."""
     problem, found = plan.scenario.problem, plan.certificate
+    for name in ("planner", "message"):  # of a planner from outside
+        check_text(name, getattr(plan, name))
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
     asked: dict[str, Any] = {}
     if plan.separation == "nodes":
