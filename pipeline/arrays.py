@@ -58,6 +58,15 @@ def _as_python(given: Any) -> Any:
     return float(given) if is_number(given) and not isinstance(given, int) else given
 
 
+def as_floats(given: Any) -> Float[Array, "..."]:
+    """An array of numbers as floats, NaN where masked; TypeError or ValueError if it is none."""
+    found = np.asanyarray(given)
+    numbers = found.dtype.kind in "iuf"
+    if not numbers and not (found.dtype.kind == "O" and all(map(is_number, found.flat))):
+        raise TypeError(f"they are {found.dtype.name}")
+    return np.asarray(np.ma.filled(found.astype(float, copy=False), np.nan))
+
+
 def as_lists(given: Any) -> Any:
     """An array or table of any library as lists and numbers; a time, or anything else, as it is."""
     if isinstance(given, type):

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from pipeline.documents import DIALECT, Strict, read_document, write_document
-from pipeline.errors import InputError, check_kind, check_text, is_number
+from pipeline.errors import InputError, check_choice, check_kind, check_text, is_number
 from pipeline.files import path_of
 from pipeline.plan.certificate import Certificate
-from pipeline.plan.plan import Assignment, Plan
+from pipeline.plan.plan import STATUSES, Assignment, Plan
 from pipeline.plan.requirements import SeparationKind
 from pipeline.scenario import Scenario
 from pipeline.scenario.document import ScenarioDocument, document_of
@@ -140,6 +140,7 @@ def _leaves(given: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 def plan_document(plan: Plan) -> dict[str, Any]:
     """The fields of a plan file; what is infinite or absent becomes null."""
     problem, found = plan.scenario.problem, plan.certificate
+    check_choice("status", plan.status, STATUSES)
     for name in ("planner", "message"):  # of a planner from outside
         check_text(name, getattr(plan, name))
     chosen = {} if plan.assignment is None else {"assignment": asdict(plan.assignment)}
@@ -148,6 +149,8 @@ def plan_document(plan: Plan) -> dict[str, Any]:
         asked["separation"] = plan.separation
     if plan.as_flown and problem.orbit is not None:
         asked["world"] = OrbitDocument.of(problem.orbit).model_dump()
+    if not (np.isfinite(plan.states).all() and np.isfinite(plan.controls).all()):
+        raise InputError("states or controls of the plan are not finite; expected numbers.")
     claims = asdict(found) | {"optimality_gap": plan.optimality_gap}
     if found.passive_safety is not None:
         claims["passive_safety"] = found.passive_safety.document()

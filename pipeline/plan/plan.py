@@ -5,10 +5,12 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import inf, isfinite
 from operator import truediv
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+from pipeline.arrays import Array, Float, as_floats
+from pipeline.errors import InputError, check_choice, check_kind
 from pipeline.orbit.arrays import Controls, States
 from pipeline.orbit.thrust import COMPONENTS, NORM
 from pipeline.plan.certificate import Certificate
@@ -22,6 +24,7 @@ UNSAFE = "unsafe"  # flies to the goal, but misses what is required; the message
 # the plan; the message says which
 INFEASIBLE = "infeasible"
 UNSOLVED = "unsolved"  # no safe plan and no proof that there is none; the message says why
+STATUSES = (SOLVED, UNSAFE, INFEASIBLE, UNSOLVED)
 WITHOUT_GAP = frozenset({INFEASIBLE, UNSOLVED})  # statuses without a plan that has a gap
 # Fields of the certificate in a summary
 SUMMARY = (
@@ -89,6 +92,16 @@ class Plan:
     separation: SeparationKind = "continuous"
     as_flown: bool = False
 
+    def __post_init__(self) -> None:
+        for name, kind in KINDS.items():
+            check_kind(name, getattr(self, name), kind)
+        check_choice("separation", self.separation, get_args(SeparationKind))
+        if self.as_flown and self.scenario.problem.orbit is None:
+            raise InputError("the plan is as flown about an orbit, and its scenario has none.")
+        n, T = self.scenario.n, self.scenario.problem.nodes
+        for name, shape in (("states", (n, T, 6)), ("controls", (n, T - 1, 3))):
+            object.__setattr__(self, name, _shaped(name, getattr(self, name), shape))
+
     def __repr__(self) -> str:
         """Planner, status, cost and closest approach; without the arrays."""
         found = self.certificate
@@ -111,6 +124,29 @@ class Plan:
         """Requirements on its flight without errors; a risk limit is in the certificate."""
         drifting = self.certificate.passive_safety
         return Requirements(self.separation, None if drifting is None else drifting.orbits)
+
+
+KINDS: dict[str, Any] = {
+    "scenario": Scenario,
+    "planner": str,
+    "certificate": Certificate,
+    "timing": Mapping,
+    "message": str,
+    "assignment": Assignment | None,
+}
+
+
+def _shaped(name: str, given: Any, shape: tuple[int, ...]) -> Float[Array, "..."]:
+    """A plan's array as floats; InputError for what is no numbers, or of another shape."""
+    try:
+        found = as_floats(given)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} of a plan are no array of numbers: {error}.") from error
+    if found.shape != shape:
+        raise InputError(
+            f"{name} of a plan have shape {found.shape}; expected {shape}, by its scenario."
+        )
+    return found
 
 
 def summary(plan: Plan) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_choice, check_each, check_kind, is_number, listed
+from pipeline.arrays import Array, Float, as_floats
+from pipeline.errors import InputError, check_choice, check_each, check_kind, listed
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
@@ -192,12 +192,8 @@ class Scenario:
 def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
     """Copy of the states at an end as a float array; InputError if malformed or out of range."""
     try:
-        found = np.asanyarray(given)
-        numbers = found.dtype.kind in "iuf"
-        if not numbers and not (found.dtype.kind == "O" and all(map(is_number, found.flat))):
-            raise TypeError(f"they are {found.dtype.name}")
         # A copy, since the caller's array may change; what is masked counts as missing
-        states = np.asarray(np.ma.filled(found.astype(float), np.nan))
+        states = np.array(as_floats(given))
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(
             f"{end} is no array of numbers ({error}); expected a row x y z vx vy vz in m "

@@ -630,6 +630,38 @@ def test_a_notebooks_figure_has_a_name_that_cannot_be_drawn_as_escapes(plan):
         assert plot.figure.get_suptitle() == shown
 
 
+@pytest.mark.parametrize(
+    ("field", "change", "words"),
+    [
+        ("controls", lambda p: p.controls[:, :-1], r"\(6, 9, 3\); expected \(6, 10, 3\)"),
+        ("states", lambda p: p.states[0], r"states .* \(11, 6\); expected \(6, 11, 6\)"),
+        ("controls", lambda p: None, "controls of a plan are no array of numbers"),
+        ("controls", lambda p: p.controls.astype(str), "controls of a plan are no array of num"),
+        ("scenario", lambda p: prolearn.draw("rings", 0, 4, 0, prolearn.Problem()), "shape"),
+        ("scenario", lambda p: None, "scenario is None; expected Scenario"),
+        ("certificate", lambda p: None, "certificate is None; expected Certificate"),
+        ("message", lambda p: None, "message is None; expected str"),
+        ("separation", lambda p: "never", "separation is 'never'; expected continuous or nodes"),
+        ("as_flown", lambda p: True, "as flown about an orbit, and its scenario has none"),
+    ],
+)
+def test_a_plan_with_a_field_that_makes_no_plan_is_refused(plan, field, change, words):
+    with pytest.raises(InputError, match=words):
+        replace(plan, **{field: change(plan)})
+
+
+def test_controls_of_ones_own_are_taken_as_lists_and_what_no_file_can_hold_is_refused(
+    plan, tmp_path
+):
+    own = replace(plan, controls=plan.controls.tolist())
+    assert np.array_equal(own.controls, plan.controls)
+    assert prolearn.show(own).html == prolearn.show(plan).html
+    for wrong in ({"controls": np.ma.masked_equal(plan.controls, 0.0)}, {"status": "Solved"}):
+        with pytest.raises(InputError, match=r"not finite|status is 'Solved'; expected solved or"):
+            prolearn.write_plan(tmp_path / "plan.json", replace(plan, **wrong))
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("to", ["csv", "parquet", "burns"])
 def test_a_plan_is_written_for_other_tools(plan, tmp_path, to):
     (file,) = prolearn.convert(plan, to, tmp_path / f"plan.{to}")

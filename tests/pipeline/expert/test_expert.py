@@ -1,6 +1,7 @@
 """The expert on real scenarios: always safe, near-optimal, repeatable, whatever its seed."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import clarabel
 import numpy as np
@@ -278,7 +279,7 @@ def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch
     assert "the convex solver stopped with NumericalError" in plan.message
     assert "craft 0 and 9 come within" in plan.message
     for pair, apart in (([0, 9], False), ([6, 8], True)):
-        alone = replace(plan, states=plan.states[pair], controls=plan.controls[pair])
+        alone = SimpleNamespace(states=plan.states[pair], controls=plan.controls[pair])
         assert (closest_on_a_grid(alone, PROBLEM) > PROBLEM.collision_radius) == apart
 
 
