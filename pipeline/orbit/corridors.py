@@ -23,7 +23,8 @@ from pipeline.orbit.problem import Problem
 
 SIDES = 16  # of the pyramid inscribed in an approach cone; its inradius is 98 % of the cone's
 MOST_NARROWED = 0.9  # largest share of its width by which a box is made narrower
-STEEPEST = 89.0  # half-angle of a cone, deg
+# Half-angle of a cone, deg; sides of narrower ones are lost in rounding
+NARROWEST, STEEPEST = 1e-6, 89.0
 ROUNDING = 1e-9  # tolerance of times at the ends of an interval, as a share of it
 
 Coordinates = tuple[float, float, float]
@@ -80,10 +81,10 @@ class Cone:
         check_vector("apex of a cone", self.apex)
         check_vector("axis of a cone", self.axis)
         check_finite("half_angle_deg of a cone", self.half_angle_deg, "degrees")
-        if not 0 < self.half_angle_deg <= STEEPEST or not any(self.axis):
+        if not NARROWEST < self.half_angle_deg <= STEEPEST or not any(self.axis):
             raise InputError(
                 f"a cone has the axis {self.axis} and a half-angle of {self.half_angle_deg:g} deg; "
-                f"expected a direction and an angle above 0 and up to {STEEPEST:g} deg."
+                f"expected a direction and an angle above {NARROWEST:g} and up to {STEEPEST:g} deg."
             )
 
     @property

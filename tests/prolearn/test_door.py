@@ -149,6 +149,7 @@ EARLY = datetime(1961, 1, 1, 0, 30, tzinfo=timezone(timedelta(hours=2)))  # of 1
         (lambda: prolearn.Thrust([*AXES, (1, 0)]), r"thrust\[6\] is \(1, 0\); expected 3 finite"),
         (lambda: prolearn.Thrust([("1", 0, 0)] * 4), r"thrust\[0\] is .*; expected 3 finite"),
         (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), "30"), "half_angle_deg of a cone is '30'"),
+        (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), 1e-300), "a half-angle of 1e-300 deg; expect"),
         (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), None), "half_angle_deg of a cone is None"),
         (lambda: prolearn.Conditions(ballistic="0.02"), "ballistic is '0.02'; expected a finite"),
         (
