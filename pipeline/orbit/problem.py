@@ -94,6 +94,7 @@ class Problem:
 
     def about(self, orbit: ReferenceOrbit) -> "Problem":
         """The same problem about a reference orbit."""
+        check_kind("orbit", orbit, ReferenceOrbit)
         return replace(self, mean_motion=orbit.mean_motion, orbit=orbit)
 
     def starting_at(self, node: int) -> "Problem":

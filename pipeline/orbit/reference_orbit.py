@@ -3,12 +3,13 @@
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import degrees, pi, radians, sqrt
+from reprlib import repr as brief
 from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, fields_as_python
-from pipeline.errors import InputError, check_finite, check_range
+from pipeline.arrays import Array, Float, as_lists, fields_as_python
+from pipeline.errors import InputError, check_finite, check_range, check_vector
 from pipeline.orbit import forces
 from pipeline.orbit.arrays import AnyState, PerCraft, Scalar, Values, Vector, norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, ITERATIONS, POINTS, ROUNDING, basis
@@ -19,6 +20,7 @@ from pipeline.orbit.reference import HIGHEST, LOWEST, MU_EARTH, R_EARTH
 MOST_ECCENTRIC = 0.85
 MOST_TURNS = 10_000  # revolutions after the epoch by which a plan begins
 MOST_BALLISTIC = 100.0  # largest C_D A/m, m²/kg: that of a solar sail
+ROUNDED = 1e-6  # s by which a time may be before the first node
 PIECE = 0.15  # angle by which the local circular orbit turns in a piece of the reference, rad
 
 
@@ -98,7 +100,10 @@ class ReferenceOrbit:
         spread: float = 0.0,
     ) -> "ReferenceOrbit":
         """The orbit through an inertial state, m and m/s, by its osculating elements."""
-        found, u = Elements.of(state)
+        check_vector("state", as_lists(state), 6)
+        if not any(state[:3]):
+            raise InputError("state is at the Earth's centre; expected one on a closed orbit.")
+        found, u = Elements.of(np.array(state, dtype=float))
         return cls(
             semi_major_axis=found.semi_major_axis,
             eccentricity=found.eccentricity,
@@ -184,6 +189,8 @@ class ReferenceOrbit:
 
     def states(self, times: Values) -> Float[Array, "k 6"]:
         """Inertial states, m and m/s, at times from 0 on, s since the first node."""
+        if not (np.isfinite(times).all() and np.min(times, initial=0.0) >= -ROUNDED):
+            raise InputError(f"times are {brief(times)}; expected finite ones from 0 on, in s.")
         ascending, place = np.unique(self.start + times, return_inverse=True)
         return _states(self, tuple(ascending.tolist()))[place]
 
