@@ -111,7 +111,7 @@ def scenario(
         "initial": _end(initial),
         "goal": _end(goal),
     }
-    made = scenario_from(fields, name)
+    made = scenario_from({field: as_lists(one) for field, one in fields.items()}, name)
     return replace(
         made,
         problem=replace(made.problem, thrust=thrust),

@@ -105,6 +105,7 @@ EARLY = datetime(1961, 1, 1, 0, 30, tzinfo=timezone(timedelta(hours=2)))  # of 1
         (lambda: Reference(NOON, 51.6, NAN, 0), "raan_deg is nan"),
         (lambda: Reference(NOON, 51.6, 0, "1"), "argument_of_latitude_deg is '1'"),
         (lambda: replace(swap(), goal=swap().goal * 1j), "goal is no array of numbers .*complex"),
+        (lambda: swap(max_acceleration=np.True_), "max_acceleration is True: input should be a v"),
         (lambda: prolearn.Problem(nodes=11.5), "nodes is 11.5; expected a whole number"),
         (lambda: prolearn.Problem(nodes=True), "nodes is True; expected a whole number"),
         (lambda: prolearn.Problem(time_step="a"), "time_step is 'a'; expected a number from"),
