@@ -8,6 +8,7 @@ from pipeline.errors import (
     InputError,
     check_choice,
     check_each,
+    check_kind,
     check_whole,
     listed,
     missing_extra_hint,
@@ -69,4 +70,5 @@ def load_model(reference: str) -> "tuple[Model, ModelVersion]":
     with missing_extra_hint():
         from registry.models import load
 
+    check_kind("reference", reference, str)
     return load(reference)

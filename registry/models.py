@@ -25,6 +25,7 @@ PREFIX = "prolearn-"
 CHAMPION = "champion"
 CONTEST = "contest"  # tag of a version: how its comparison with the champion ended
 WEIGHTS = "weights"  # tag of a version with its model's digest
+MOST_DIGITS = 18  # of a version's number, which databases keep in 64 bits
 FORMS = "ARCH, ARCH:RECIPE, NAME@ALIAS, NAME/VERSION or a models:/ URI"
 NETWORK_PATH = "data/network"  # where the network's folder lies inside a logged model
 
@@ -309,4 +310,5 @@ def _search(store: Store, name: str, mark: str, rest: str) -> ModelVersion | Non
         return next((v for v in reversed(alike) if mark == "/" or v.recipe == rest), None)
     if mark != "/":
         rest = store.client.get_model_version_by_alias(name, rest or CHAMPION).version
-    return read_version(store, name, str(rest))
+    number = str(rest)
+    return None if len(number) > MOST_DIGITS else read_version(store, name, number)

@@ -155,6 +155,7 @@ EARLY = datetime(1961, 1, 1, 0, 30, tzinfo=timezone(timedelta(hours=2)))  # of 1
         (lambda: prolearn.ReferenceOrbit(7e6).states(np.array([-60.0])), "times are .*from 0 on"),
         (lambda: prolearn.ReferenceOrbit.through(np.full(6, NAN)), "state is .*expected 6 fin"),
         (lambda: prolearn.ReferenceOrbit.through(np.zeros(6)), "state is at the Earth's centre"),
+        (lambda: prolearn.load_model(None), "reference is None; expected str"),
         (lambda: prolearn.Problem().about(None), "orbit is None; expected ReferenceOrbit"),
         (lambda: prolearn.Cone((0, 0, 0), (1, 0, 0), None), "half_angle_deg of a cone is None"),
         (lambda: prolearn.Conditions(ballistic="0.02"), "ballistic is '0.02'; expected a finite"),

@@ -189,7 +189,7 @@ def test_a_model_is_found_by_every_name_it_has(project: Project) -> None:
 
 def test_an_unknown_model_gives_a_sentence_with_those_there_are(project: Project) -> None:
     project.train(1.0)
-    numbered = ("models:/m-0123456789abcdef", "m-1")
+    numbered = ("models:/m-0123456789abcdef", "m-1", "ff1/99999999999999999999")
     for name in ("lstm9", "ff1:best", "ff1/8", "ff1/two", "ff1@crown", *numbered):
         there = r"prolearn-ff1/1 \(tuned, champion\).*prolearn train"
         with pytest.raises(InputError, match=f"There is no model {name!r} .*{there}"):
