@@ -36,6 +36,9 @@ def namespace(values: Any) -> Any:
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
+PLAIN = (float, int, bool, str, type(None))  # what fields are in files
+
+
 def fields_as_python(of: Any) -> None:
     """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them.
 
@@ -52,6 +55,8 @@ def fields_as_python(of: Any) -> None:
 
 
 def _as_python(given: Any) -> Any:
+    if type(given) in PLAIN:  # nearly all
+        return given
     given = as_lists(given)
     if isinstance(given, list | tuple):
         return tuple(map(_as_python, given))

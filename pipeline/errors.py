@@ -20,6 +20,8 @@ class InputError(ProlearnError):
 
 def is_number(value: object) -> bool:
     """Whether a value is a real number, of Python or numpy, but no boolean, and fits a float."""
+    if type(value) is float:  # nearly all
+        return True
     most = float_info.max
     if isinstance(value, int | Fraction) and not -most <= value <= most:
         return False
