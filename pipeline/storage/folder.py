@@ -230,7 +230,7 @@ def _filesystem(url: str) -> tuple[Any, str]:
             f"{public_url(url)} needs a package that is not installed ({public(error, url)}); "
             "expected it, or another place: install it, or give a path or an s3:// URL."
         ) from None
-    except ValueError as error:
+    except Exception as error:  # whatever a package raises of a URL without what it needs
         raise InputError(
             f"{public_url(url)} is on no known filesystem ({public(error, url)}); expected a "
             "path, or a URL that pyarrow or fsspec reads."

@@ -163,9 +163,10 @@ def test_a_file_url_of_another_machine_or_of_no_path_is_refused(url):
         open_folder(url)
 
 
-def test_a_url_of_no_known_kind_is_refused():
-    with pytest.raises(InputError, match="nowhere://x is on no known filesystem"):
-        open_folder("nowhere://x")
+@pytest.mark.parametrize("url", ["nowhere://x", "dir://x/y", "github://x/y", "reference://x/y"])
+def test_a_url_of_no_known_kind_or_without_what_its_kind_needs_is_refused(url):
+    with pytest.raises(InputError, match=f"^{url} is on no known filesystem"):
+        open_folder(url)
 
 
 @pytest.mark.parametrize("url", ["az://c/x", "abfs://c/x"])
