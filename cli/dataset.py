@@ -1,6 +1,8 @@
 """Commands that make and check datasets: sample, solve, dataset, card, verify."""
 
 import os
+import re
+import sys
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -55,6 +57,7 @@ def sample(
     from pipeline.documents import document_in
     from pipeline.scenario.part_documents import OrbitDocument
 
+    _refuse_memory(out)
     try:
         train, valid, test = (float(part) for part in shares.split(","))
     except ValueError as error:
@@ -132,6 +135,7 @@ def make(
     from pipeline.orbit.problem import Problem
 
     folder = out or f"data/{preset}"
+    _refuse_memory(folder)
     solving = workers_of(context, workers)
     with progress("sampling") as shown:
         run(folder, PRESETS[preset], Problem(), workers=solving, progress=shown)
@@ -235,6 +239,18 @@ def verify(
             err=True,
         )
     raise typer.Exit(int(bool(left)))
+
+
+def _refuse_memory(url: str) -> None:
+    """Raise InputError for a folder in the memory of a process that ends with this command.
+
+    A program that calls the command in its own process can read it afterwards.
+    """
+    if re.match("(.*::)?memory://", url.lower()) and any(url in word for word in sys.argv):
+        raise InputError(
+            f"--out is {public_url(url)}, memory that is gone when the command ends; expected a "
+            "folder, or a URL that stays, such as s3://bucket/folder: give one of these."
+        )
 
 
 def _solve(

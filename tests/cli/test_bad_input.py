@@ -170,6 +170,17 @@ CASES = {
         "expected a number from 0 to 1000",
     ),
     "a dataset that is a file": (["sample", "--out", "good.json"], "good.json is a file; expected"),
+    **{
+        f"memory that ends with the command, by {command[0]} {command[-1]}": (
+            command,
+            f"--out is {command[-1].replace('me:pw@', '')}, memory that is gone when the command",
+        )
+        for command in (
+            ["sample", "--n", "2", "--out", "memory://x"],
+            ["sample", "--n", "2", "--out", "simplecache::Memory://x"],
+            ["dataset", "--preset", "demo", "--out", "memory://me:pw@x/y"],
+        )
+    },
     "a model where there is no store": (["models", "show", "hal"], "no tracking store"),
 }
 
