@@ -41,6 +41,8 @@ class CommandGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse what was typed and keep it: it may hold URLs, whose secrets no message shows."""
         escape_unencodable()
+        if os.environ.get("COLUMNS") == "0":  # as where a width is not known: rich prints nothing
+            del os.environ["COLUMNS"]
         ctx.meta[TYPED] = [re.sub("^--[a-z-]+=", "", word) for word in args]
         try:
             return super().parse_args(ctx, args)

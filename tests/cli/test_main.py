@@ -37,6 +37,12 @@ def test_usage_that_is_wrong_is_status_2(prolearn):
     assert prolearn("--versions").returncode == 2
 
 
+def test_a_width_of_0_is_one_that_is_not_known(prolearn):
+    assert "Missing argument 'scenarios'" in prolearn("plan", COLUMNS="0").stderr
+    shown = prolearn("plan", "--help", COLUMNS="0").stdout
+    assert shown == prolearn("plan", "--help", COLUMNS="80").stdout
+
+
 @pytest.mark.skipif(shutil.which("bash") is None, reason="asks bash")
 def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(forked, tmp_path):
     program = tmp_path / "bin/prolearn"
