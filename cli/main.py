@@ -27,6 +27,9 @@ from pipeline.files import lowest_existing
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # To look for plugins, Pydantic would read the metadata of every installed package.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+# Typer would break descriptions at 80 columns, and fish and PowerShell take each line for a choice.
+if "_PROLEARN_COMPLETE" in os.environ:
+    os.environ.setdefault("TERMINAL_WIDTH", "1000")
 # Objects that imports make live as long as the process: with garbage collected seldom, and not at
 # exit, a command takes a fifth less time.
 gc.set_threshold(50_000)

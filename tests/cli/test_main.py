@@ -85,6 +85,21 @@ def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(fo
     assert completed("prolearn", "sample", "--family", "d") == ["dense"]
 
 
+@pytest.mark.parametrize(("shell", "between"), [("fish", "\t"), ("powershell", ":::")])
+def test_every_line_that_other_shells_complete_from_is_an_option(shell, between):
+    asked = {
+        "_PROLEARN_COMPLETE": f"complete_{shell}",
+        "_TYPER_COMPLETE_ARGS": "prolearn plan --",
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+        "_TYPER_COMPLETE_WORD_TO_COMPLETE": "--",
+    }
+    code = "from cli.main import app; app(prog_name='prolearn')"
+    told = subprocess.check_output([sys.executable, "-c", code], env=os.environ | asked, text=True)
+    assert "--effort" in told
+    for line in told.splitlines():
+        assert line.startswith("--") and between in line
+
+
 SWALLOWED = """
 import signal, time
 from cli.app import Terminated, _sigterm_raises
