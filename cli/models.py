@@ -205,12 +205,14 @@ def export(
     """
     import onnx  # noqa: F401  (first: its extra has all else that is needed here)
 
-    from cli.jobs.export import PACKAGED
+    from cli.jobs.export import PACKAGED, refuse_options
     from cli.jobs.export import export as run
     from registry.models import resolve
 
-    # A wrong name stops all of them.
+    # A wrong name, or an option that one of them does not take, stops all.
     versions = [None if model == PACKAGED else resolve(model) for model in models]
+    for version in versions:
+        refuse_options(version, n, flown=flown)
     targets = _targets(versions, out)
     with progress("exporting") as shown:
         shown.expect(len(models) if len(models) > 1 else 0)

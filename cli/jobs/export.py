@@ -42,6 +42,16 @@ def file_name(version: ModelVersion | None) -> str:
     return f"{version.name}-v{version.version}.onnx"
 
 
+def refuse_options(version: ModelVersion | None, n: int | None, *, flown: bool) -> None:
+    """Raise InputError where n or ``flown`` is given for a refiner."""
+    refiner = version is None or version.arch == REFINER
+    if refiner and (n is not None or flown):
+        raise InputError(
+            f"--n or --flown is given for {version.name if version else PACKAGED}; expected "
+            "neither: its files are for one craft of any swarm, and give controls to be flown."
+        )
+
+
 def export(
     reference: str | ModelVersion | None,
     out: Path | None = None,
@@ -56,6 +66,7 @@ def export(
     onto transfers that can be flown. ProlearnError where a file does not answer as the model does.
     """
     model, version = (load_network(FOLDER), None) if reference is None else load(reference)
+    refuse_options(version, n, flown=flown)
     names = () if version is None else ("uri", "run_id", "dataset_digest")
     known = {"uri": PACKAGED} | {name: getattr(version, name) for name in names}
     measured = {} if version is None else {k: model_metric_by_size(version, k) for k in BY_SIZE}
@@ -78,11 +89,6 @@ def export(
     refuse_unwritable(card)  # before tracing, which takes up to a minute
     made: Exported | ExportedCraft
     if supervised is None:
-        if n is not None or flown:
-            raise InputError(
-                f"--n or --flown is given for {version.name if version else PACKAGED}; expected "
-                "neither: its files are for one craft of any swarm, and give controls to be flown."
-            )
         made = export_craft(model, path, about=about)
         text = _craft_card(version, model, made, measured)
     else:

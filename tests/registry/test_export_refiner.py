@@ -70,6 +70,16 @@ def test_the_packaged_refiner_is_exported_without_a_store(
     assert done.exit_code == 2 and "is given for packaged; expected neither" in done.output
 
 
+def test_an_option_that_one_of_several_models_does_not_take_stops_all(
+    folder: Path, recorded: Callable[..., object], trained: Trained, dataset: DatasetInfo
+) -> None:
+    arch = trained.model.architecture
+    recorded(trained, dataset)
+    done = CliRunner().invoke(app, ["models", "export", arch, "packaged", "--n", "3"])
+    assert done.exit_code == 2 and "is given for packaged; expected neither" in done.output
+    assert not [*folder.glob("*.onnx*")]
+
+
 def test_a_refiner_becomes_a_folder_with_a_card_that_names_every_input_and_output(
     refiner: Path,
 ) -> None:
