@@ -18,6 +18,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
 KEPT, SAME = "what was done is kept", "the same command again (with --resume if it has that)"
+SAFE_PATH = "PYTHONSAFEPATH"  # Python's variable that leaves the current folder out of its path
 PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
 
 
@@ -45,6 +46,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
     )
     try:
         with ExitStack() as stack:  # an interrupt that waited finds the results to close
+            stack.enter_context(_no_imports_from_here())
             with _starting_processes():
                 delayed = (joblib.delayed(call)() for call in calls)
                 results = stack.enter_context(closing(parallel(delayed)))
@@ -73,6 +75,24 @@ def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
 
     threading.excepthook = hook
     warnings.filterwarnings("ignore", category=UserWarning, module="joblib.parallel")
+
+
+@contextmanager
+def _no_imports_from_here() -> Iterator[None]:
+    """In the block, processes that start import nothing from the current folder.
+
+    It would come first in their path, and any file there, such as ``random.py``, could take the
+    place of a module.
+    """
+    usual = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if usual is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = usual
 
 
 def end_with_parent(parent: int) -> None:

@@ -21,6 +21,15 @@ def test_a_task_alone_is_done_without_another_process(tasks, here):
     assert (set(done.values()) == {os.getpid()}) == here
 
 
+def test_files_of_the_current_folder_are_no_modules_of_workers(forked, tmp_path):
+    for name in ("joblib", "numpy", "random"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit")
+    given = ["sample", "--n", "2", "--count", "4", "--rows-per-shard", "1", "--out", "data"]
+    done = forked.run([*given, "--jobs", "2"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert all(line.startswith("sampling: ") for line in done.stderr.splitlines()), done.stderr
+
+
 kept: list[bytes] = []
 
 
