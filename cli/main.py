@@ -132,3 +132,6 @@ for panel, commands in COMMANDS.items():
             app.add_typer(command, rich_help_panel=panel)
         else:
             app.command(rich_help_panel=panel)(command)
+
+if __name__ == "__main__":
+    app(prog_name="prolearn")

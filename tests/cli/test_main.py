@@ -24,6 +24,11 @@ def test_the_version_is_one_line_with_what_it_runs_on(prolearn):
     assert (done.returncode, done.stdout, done.stderr) == (0, line, "")
 
 
+def test_the_command_runs_as_a_module_too():
+    asked = [sys.executable, "-m", "cli.main", "--version"]
+    assert subprocess.check_output(asked, text=True).startswith("prolearn ")
+
+
 def test_exit_statuses_are_the_same_in_help_documentation_and_code(prolearn):
     (line,) = (one for one in prolearn("--help").stdout.splitlines() if "Exit status" in one)
     told = [int(number) for number in re.findall(r"\d+", line)]
