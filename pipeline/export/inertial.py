@@ -1,5 +1,6 @@
 """Where and when the reference orbit of a plan is: states, LVLH frames (EME2000), epochs (UTC)."""
 
+import json
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -10,6 +11,9 @@ from pipeline.orbit.inertial import Elements, Frame, lvlh_frame
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.scenario import Scenario
 
+ANGLES = {"inclination_deg": 97.4, "raan_deg": 40, "argument_of_latitude_deg": 0}
+EXAMPLE = {"epoch": "2026-03-01T12:00:00Z", **ANGLES}
+
 
 def reference_of(scenario: Scenario, instead: str = "") -> Reference:
     """When and where the reference orbit is; InputError where the scenario does not say.
@@ -17,10 +21,12 @@ def reference_of(scenario: Scenario, instead: str = "") -> Reference:
     The error names what would do ``instead``.
     """
     if scenario.reference is None:
+        orbit = scenario.problem.orbit
+        known = {} if orbit is None else {name: getattr(orbit, name) for name in ANGLES}
+        wanted, yours = json.dumps(EXAMPLE | known), "values" if orbit is None else "epoch"
         raise InputError(
-            "the plan has no reference orbit; expected in its scenario "
-            '"reference": {"epoch": "2026-03-01T12:00:00Z", "inclination_deg": 97.4, '
-            f'"raan_deg": 40, "argument_of_latitude_deg": 0}} with your values{instead}: add it.'
+            f'the plan has no reference orbit; expected in its scenario "reference": {wanted} with '
+            f"your {yours}{instead}: add it."
         )
     return scenario.reference
 

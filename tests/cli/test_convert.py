@@ -67,10 +67,12 @@ def test_a_plan_whose_name_is_not_utf_8_is_converted_all_the_same(prolearn, plan
     assert pq.read_table(BytesIO((tmp_path / f"{name}.parquet").read_bytes())).num_rows == 11 * 11
 
 
+@pytest.mark.parametrize("world", [(), ("--world",)])
 def test_without_a_reference_orbit_the_sentence_says_what_to_add_and_that_helps(
-    prolearn, planned, tmp_path
+    prolearn, planned, tmp_path, world
 ):
     planned()
+    prolearn("plan", "s.json", "--out", "p.json", *world)
     done = prolearn("convert", "p.json", "--to", "oem")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert not (tmp_path / "p").exists()
