@@ -16,7 +16,7 @@ from cli.output import echo, note, print_json, stdout_for_document, stdout_free
 from cli.plan_table import HEADINGS, is_unsolved, plan_cells, print_plans, print_rows
 from cli.progress import progress
 from cli.settings import AsJson, FlightConditions, Planning, RiskSettings, Tradeoff, option
-from pipeline.errors import InputError
+from pipeline.errors import InputError, error_context
 from pipeline.figures.labels import MISSING, number
 from pipeline.files import STDIO, refuse_special, refuse_unwritable, stem_of
 
@@ -142,7 +142,9 @@ def plan(
     with explained_interrupt(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
-            for made in chosen.plan(group):
+            with error_context(scenarios[len(rows)]):
+                plans = chosen.plan(group)
+            for made in plans:
                 path, target = scenarios[len(rows)], targets[len(rows)]
                 write_plan(target, made)
                 problem = made.scenario.problem
@@ -159,8 +161,12 @@ def plan(
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
-    """Neighbours of one problem and size, which are planned together."""
-    for _, run in groupby(scenarios, key=lambda scenario: (scenario.problem, scenario.n)):
+    """Neighbours of one problem and size, planned together; what is refused of one is of all."""
+
+    def kind(one: "Scenario") -> tuple[object, ...]:
+        return one.problem, one.n, one.unlike, one.limits is None
+
+    for _, run in groupby(scenarios, key=kind):
         while group := list(islice(run, MOST_AT_ONCE)):
             yield group
 

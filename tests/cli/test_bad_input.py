@@ -273,6 +273,15 @@ def test_a_bad_scenario_among_good_ones_stops_all_before_anything_is_written(
     assert not (tmp_path / "plans").exists()
 
 
+def test_a_scenario_among_others_that_cannot_be_planned_as_asked_is_named(prolearn, tmp_path):
+    scenario_file(tmp_path / "a.json")
+    scenario_file(tmp_path / "b.json", craft=[{"radius": 1.0}] * 3)
+    risk = ("--risk", "0.1", "--navigation-sigma", "0.1")
+    done = prolearn("plan", "a.json", "b.json", "--out", "plans", *risk)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith("prolearn: b.json: a risk is asked for, and craft have radii")
+
+
 def test_drift_is_accepted_where_it_is_allowed(prolearn, tmp_path):
     scenario_file(tmp_path / "drift.json", **SCENARIO_FAULTS["states that drift"])
     done = prolearn("plan", "drift.json", "--out", "p.json", "--allow-drift")
