@@ -2,7 +2,6 @@
 
 import os
 import re
-import sys
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -242,11 +241,8 @@ def verify(
 
 
 def _refuse_memory(url: str) -> None:
-    """Raise InputError for a folder in the memory of a process that ends with this command.
-
-    A program that calls the command in its own process can read it afterwards.
-    """
-    if re.match("(.*::)?memory://", url.lower()) and any(url in word for word in sys.argv):
+    """Raise InputError for a folder in the memory of the process, which ends with the command."""
+    if re.match("(.*::)?memory://", url.lower()):
         raise InputError(
             f"--out is {public_url(url)}, memory that is gone when the command ends; expected a "
             "folder, or a URL that stays, such as s3://bucket/folder: give one of these."

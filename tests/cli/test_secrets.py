@@ -5,14 +5,26 @@ from pathlib import Path
 
 import fsspec
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 from short_transfer import OPTIONS
 from typer.testing import CliRunner
 
 from cli.main import app
 from pipeline.errors import InputError
 
+
+class KeptFileSystem(MemoryFileSystem):
+    """Files in this process's memory, by a scheme that commands do not know."""
+
+    protocol = "kept"
+
+    @classmethod
+    def _strip_protocol(cls, path):
+        return super()._strip_protocol(path.removeprefix("kept://"))
+
+
 SECRETS = ("pa55word", "t0k3n", "fr4gment")
-URL = "memory://robot:pa55word@box/my n4?token=t0k3n#fr4gment"
+URL = "kept://robot:pa55word@box/my n4?token=t0k3n#fr4gment"
 
 
 @pytest.fixture
@@ -21,6 +33,7 @@ def here(tmp_path, migrated, monkeypatch):
     shutil.copyfile(migrated, "mlflow.db")
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     monkeypatch.setenv("COLUMNS", "200")
+    fsspec.register_implementation("kept", KeptFileSystem, clobber=True)
     yield tmp_path
     files = fsspec.filesystem("memory")
     for path in files.ls("/", detail=False):
@@ -55,13 +68,13 @@ def kept(folder: Path) -> list[str]:
 
 
 def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
-    assert "memory://box/my n4 does not exist" in run("solve", URL, status=2)
+    assert "kept://box/my n4 does not exist" in run("solve", URL, status=2)
     few = ("--count", 24, *OPTIONS)
     said = run("sample", "--n", 4, *few, "--out", URL, "--jobs", 1)
-    assert "24 scenarios of n=4 are in memory://box/my n4; solve them" in said
+    assert "24 scenarios of n=4 are in kept://box/my n4; solve them" in said
     assert "not solved at n=4" in run("train", "--arch", "ff1", "--data", URL, "--n", 4, status=2)
-    assert "memory://box/my n4 is solved (24 now" in run("solve", URL, "--jobs", 1)
-    assert "memory://box/my n4 is sound" in run("verify", URL, "--jobs", 1)
+    assert "kept://box/my n4 is solved (24 now" in run("solve", URL, "--jobs", 1)
+    assert "kept://box/my n4 is sound" in run("verify", URL, "--jobs", 1)
 
     training = ("train", "--arch", "ff1", "--data", URL, "--n", 4, "--epochs", 1)
     run(*training)
@@ -73,11 +86,11 @@ def test_no_command_shows_or_records_the_secrets_of_a_dataset_s_url(run, here):
     run("transfer-times", "--data", URL, "--n", 4, "--nodes", "6", "--trials", 1, "--jobs", 1)
     run("flights", "--data", URL, "--n", 4, "--trials", 1, "--flights", 1, "--jobs", 1)
     run("report", "--out", "report")
-    assert "memory://box/my n4" in run("models", "show", "ff1")
+    assert "kept://box/my n4" in run("models", "show", "ff1")
     run("models", "list")
 
     assert (here / "mlflow.db").exists() and (here / "mlruns").is_dir()
-    assert "memory://box/my n4" in (here / "report" / "report.md").read_text()
+    assert "kept://box/my n4" in (here / "report" / "report.md").read_text()
     assert kept(here) == []
 
 
@@ -88,9 +101,9 @@ def test_where_no_model_fits_the_data_these_are_named_without_the_secrets(run):
     run("train", "--arch", "ff1", "--data", "other", "--n", 2, "--epochs", 1)
     for command in ("evaluate", "flights", "transfer-times", "warmstart"):
         said = run(command, "--data", URL, "--n", 2, status=2)
-        assert "no model was trained on memory://box/my n4 as it is now" in said
+        assert "no model was trained on kept://box/my n4 as it is now" in said
     said = run("evaluate", "--data", URL, "--models", "ff1", status=2)
-    assert "memory://box/my n4 has nodes 11" in said
+    assert "kept://box/my n4 has nodes 11" in said
 
 
 @pytest.mark.parametrize("form", [("--data", URL), (f"--data={URL}",)])
@@ -111,8 +124,8 @@ def test_a_damaged_shard_is_named_without_the_secrets(run):
     (shard,) = [p for p in files.glob("/**/n=2/part-00000.parquet") if "/_" not in p]
     files.pipe(shard, files.cat(shard)[:-50])
     said = run("train", "--arch", "ff1", "--data", URL, "--n", 2, status=2)
-    assert "part-00000.parquet in memory://box/my n4 does not have the digest" in said
-    assert "1 fault in memory://box/my n4" in run("verify", URL, "--jobs", 1, status=1)
+    assert "part-00000.parquet in kept://box/my n4 does not have the digest" in said
+    assert "1 fault in kept://box/my n4" in run("verify", URL, "--jobs", 1, status=1)
 
 
 def test_a_search_takes_a_url_and_records_none_of_its_secrets(run, here):
@@ -120,7 +133,7 @@ def test_a_search_takes_a_url_and_records_none_of_its_secrets(run, here):
     run("sample", "--n", 3, "--count", 12, "--shares", ".5,.5,0", "--out", URL, "--jobs", 1)
     run("solve", URL, "--jobs", 1)
     said = run("tune", "--arch", "ff1", "--data", URL, "--n", 3, "--trials", 1, "--epochs", 1)
-    assert "--data 'memory://box/my n4'" in said
+    assert "--data 'kept://box/my n4'" in said
     assert kept(here) == []
 
 
@@ -135,7 +148,7 @@ def test_the_network_of_a_store_that_failed_keeps_no_secret(run, here, monkeypat
     said = run("train", "--arch", "ff1", "--data", URL, "--n", 3, "--epochs", 1, status=1)
     assert "is kept in" in said
     (story,) = here.glob("unregistered/*/training.json")
-    assert '"dataset": "memory://box/my n4"' in story.read_text()
+    assert '"dataset": "kept://box/my n4"' in story.read_text()
     assert kept(here) == []
 
 
@@ -151,7 +164,7 @@ def test_a_model_card_has_none_even_of_a_run_that_was_recorded_with_them(run, he
         database.execute("UPDATE params SET value = ? WHERE key = 'dataset'", (URL,))
     run("models", "export", "ff1", "--out", "ff1.onnx")
     run("models", "show", "ff1")
-    assert "`memory://box/my n4`" in (here / "ff1.onnx.md").read_text()
+    assert "`kept://box/my n4`" in (here / "ff1.onnx.md").read_text()
     for path in here.glob("ff1.onnx*"):
         assert not any(secret.encode() in path.read_bytes() for secret in SECRETS)
 
