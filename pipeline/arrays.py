@@ -36,13 +36,13 @@ def namespace(values: Any) -> Any:
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
-PLAIN = (float, int, bool, str, type(None))  # what fields are in files
+PLAIN = (float, int, bool, str, type(None))  # types of fields that stay as they are
 
 
 def fields_as_python(of: Any) -> None:
     """Convert a dataclass's fields to Python numbers and tuples, as files and hashes need them.
 
-    InputError where a boolean or text field has a value of another type, or text no Unicode.
+    InputError where a boolean or text field has a value of another type, or text is not Unicode.
     """
     for field in fields(of):
         given = getattr(of, field.name)

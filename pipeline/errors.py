@@ -80,7 +80,7 @@ def check_kind(name: str, value: object, kind: Any) -> None:
 
 
 def listed(values: Any) -> Any:
-    """The values of an iterable as a list; what is none, as an array of no dimension, unchanged."""
+    """The values of an iterable as a list; anything else, as an array without axes, unchanged."""
     try:
         each = iter(values)
     except TypeError:
@@ -89,7 +89,7 @@ def listed(values: Any) -> Any:
 
 
 def check_text(name: str, value: Any) -> None:
-    """Refuse what is no text, or not Unicode, which no file can hold, by an InputError."""
+    """Refuse what is no text, or not Unicode, which no file can have, by an InputError."""
     check_kind(name, value, str)
     if any("\ud800" <= one <= "\udfff" for one in value):
         raise InputError(f"{name} is {value!a}; expected text without halves of characters.")

@@ -309,7 +309,8 @@ HOLDS: Rules = (
 def _verdict(holds: Sequence[bool | None]) -> str:
     """The verdict of HOLDS, with the loops in which plans do not hold."""
     failed = " or ".join(SAID[loop] for loop, one in zip(LOOPS, holds, strict=True) if one is False)
-    rest = f"{failed and f'; not {failed}'}; otherwise too few scenarios"
+    rest = f"; not {failed}" if failed else ""
+    rest += "; otherwise too few scenarios"
     return decide(HOLDS, *holds).format(failed=failed, rest=rest)
 
 

@@ -53,7 +53,7 @@ def certified_plans(
     """The plans of a planner's controls for scenarios of one problem, with their status.
 
     ``as_flown``, motion is nonlinear about the problem's reference orbit; else it is linear, and
-    craft whose controls lead too far away to compute with coast instead, and miss their goals.
+    craft that their controls lead beyond COMPUTABLE coast instead, and miss their goals.
     """
     if not scenarios:
         return []
