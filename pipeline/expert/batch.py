@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
     LEFT_OUT,
@@ -18,6 +18,8 @@ from pipeline.expert.decoupled import (
 )
 from pipeline.orbit.arrays import Controls, Formation, Indices, Values
 from pipeline.orbit.participants import Participants
+from pipeline.orbit.partition import SwarmPartition
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
@@ -122,9 +124,7 @@ class Batch:
         A craft on its own cannot make its transfer, or a pair is within the collision radius at
         one of its ends, where no control can move it.
         """
-        ends = np.stack([self.initial, self.goal], axis=1)
-        nodes = slice(None, None, self.problem.intervals)
-        close = swarm_node_collisions(ends, self.problem.collision_radius, self.swarms, nodes)
+        close = _end_collisions(self.initial, self.goal, self.problem, self.swarms)
         impossible = self.swarms.split(self.optima.impossible)
         given = "with any thrust, however large"
         if self.problem.max_acceleration is not None:
@@ -134,9 +134,7 @@ class Batch:
         reasons = []
         each = zip(self.scenarios, self.swarms.starts, impossible, close, strict=True)
         for scenario, start, craft, collisions in each:
-            reason = _outside(scenario) or _meeting(scenario)
-            if collisions:
-                reason = _too_close(scenario)
+            reason = _state_conflict(scenario, int(collisions))
             if craft.any():
                 k = int(craft.argmax())
                 way = " by its waypoints" if scenario.waypoints else ""
@@ -163,12 +161,21 @@ def impossible_states(scenario: Scenario) -> str:
     Of craft and corridors; obstacles, which drift by that motion, do not count.
     """
     alone = replace(scenario, obstacles=())
-    radius, swarms = scenario.problem.collision_radius, participants([alone])
-    ends = np.stack([scenario.initial, scenario.goal], axis=1)
-    nodes = slice(None, None, scenario.problem.intervals)
-    if swarm_node_collisions(ends, radius, swarms, nodes).any():
-        return _too_close(alone)
-    return _outside(scenario) or _meeting(scenario)
+    ends = scenario.initial, scenario.goal, scenario.problem
+    return _state_conflict(alone, int(_end_collisions(*ends, participants([alone])).sum()))
+
+
+def _end_collisions(
+    initial: Formation, goal: Formation, problem: Problem, swarms: SwarmPartition
+) -> Int[Array, "swarms"]:
+    """Number of pairs of each swarm that are too close at the start, and at the goal."""
+    ends, nodes = np.stack([initial, goal], axis=1), slice(None, None, problem.intervals)
+    return swarm_node_collisions(ends, problem.collision_radius, swarms, nodes)
+
+
+def _state_conflict(scenario: Scenario, collisions: int) -> str:
+    """Why the required states leave no plan, with that many pairs too close at ends, or nothing."""
+    return _too_close(scenario) if collisions else _outside(scenario) or _meeting(scenario)
 
 
 def _outside(scenario: Scenario) -> str:
