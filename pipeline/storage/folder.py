@@ -223,6 +223,8 @@ def _filesystem(url: str) -> tuple[Any, str]:
 
             files, root = fsspec.url_to_fs(url)
             return fs.PyFileSystem(fs.FSSpecHandler(files)), root
+    except InputError:
+        raise
     except OSError as error:
         raise ProlearnError(f"{public_url(url)} is not reached ({_reason(error, url)}).") from None
     except ImportError as error:
