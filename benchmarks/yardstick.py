@@ -126,12 +126,12 @@ def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[Benchmar
 
 @cache
 def rendezvous_optima() -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of the rendezvous with the ISS by sequential convex programs, as ``optima`` has them."""
+    """Optima of the sequential convex programs for the rendezvous with the ISS, by ``optima``."""
     return list(optima(transition(np.array(CHIEF), STEP)))
 
 
 def rendezvous() -> float:
-    """Δv of the last of these programs, m/s."""
+    """Δv of the rendezvous with the ISS by sequential convex programs, m/s."""
     _, burns = rendezvous_optima()[-1]
     return float(np.linalg.norm(burns, axis=0).sum())
 

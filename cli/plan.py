@@ -161,7 +161,7 @@ def plan(
 
 
 def _alike(scenarios: "list[Scenario]") -> "Iterator[list[Scenario]]":
-    """Neighbours of one problem and size, planned together; what is refused of one is of all."""
+    """Groups of consecutive scenarios that are planned together, and refused together."""
 
     def kind(one: "Scenario") -> tuple[object, ...]:
         return one.problem, one.n, one.unlike, one.limits is None

@@ -36,7 +36,7 @@ def namespace(values: Any) -> Any:
     return np if isinstance(values, np.ndarray) else sys.modules["torch"]
 
 
-PLAIN = (float, int, bool, str, type(None))  # types of fields that stay as they are
+PLAIN = (float, int, bool, str, type(None))  # types of values that need no conversion
 
 
 def fields_as_python(of: Any) -> None:

@@ -80,7 +80,7 @@ def check_kind(name: str, value: object, kind: Any) -> None:
 
 
 def listed(values: Any) -> Any:
-    """The values of an iterable as a list; anything else, as an array without axes, unchanged."""
+    """List of the values of an iterable; what is none, such as an array without axes, unchanged."""
     try:
         each = iter(values)
     except TypeError:

@@ -73,7 +73,7 @@ def link(found, packages):
 
 @pytest.fixture
 def mypy(tmp_path_factory, tmp_path, monkeypatch):
-    """A function that runs mypy on code in an empty environment, and its folder of packages.
+    """Function that runs mypy in a new environment without packages; and its site-packages folder.
 
     The cache of mypy serves all environments of the tests.
     """

@@ -79,7 +79,7 @@ def test_help_imports_no_heavy_package(tmp_path):
 
 
 def test_plans_import_scipy_the_first_time_on_a_grid_and_numba_for_the_refiner_alone(tmp_path):
-    """For a scenario of ten craft; numba itself imports SciPy."""
+    """Plans of ten craft; the refiner uses numba, which imports SciPy by itself."""
     heavy = ["torch", "mlflow", "cvxpy", "pandas", "matplotlib", "jinja2", "numba", "scipy"]
     heavy += ["scipy.integrate", "scipy.optimize", "scipy.sparse.csgraph", "scipy.stats"]
     planners = ["expert", "expert", "decoupled-optimum", "decoupled-optimum", "refiner"]

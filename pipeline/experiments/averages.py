@@ -170,7 +170,7 @@ def sizes_of_paper(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def timed_trials(summary: pd.DataFrame) -> str:
-    """How many trials of each row were timed, as text: least and most; empty if none were."""
+    """Least and most timed trials of a row, as text such as 5 to 20; empty if none was timed."""
     found = sorted(set(summary[TIMED.source]) - {0})
     return " to ".join(dict.fromkeys(count(float(k)) for k in (*found[:1], *found[-1:])))
 

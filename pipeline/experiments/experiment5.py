@@ -121,10 +121,10 @@ def in_both_models(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def where_solved_as_flown(flights: pd.DataFrame) -> pd.DataFrame:
-    """Flights, but none of a scenario in a world for which its plan as flown is not solved.
+    """Flights of those scenarios and worlds for which the plan as flown is solved.
 
-    Such a plan may exceed limits of thrust, and there may be none that does not. Tables of earlier
-    versions do not say so.
+    One that is not may exceed limits of thrust, and there may be none that does not. Tables of
+    earlier versions do not say which are solved.
     """
     key = pd.MultiIndex.from_frame(flights[[*SWARM, "training_seed", "trial", "world"]])
     as_flown = (flights["planned"] == AS_FLOWN) & (flights["loop"] == OPEN)

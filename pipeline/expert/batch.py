@@ -168,13 +168,13 @@ def impossible_states(scenario: Scenario) -> str:
 def _end_collisions(
     initial: Formation, goal: Formation, problem: Problem, swarms: SwarmPartition
 ) -> Int[Array, "swarms"]:
-    """Number of pairs of each swarm that are too close at the start, and at the goal."""
+    """Collisions (Eq. 5) of each swarm at the start and at the goal."""
     ends, nodes = np.stack([initial, goal], axis=1), slice(None, None, problem.intervals)
     return swarm_node_collisions(ends, problem.collision_radius, swarms, nodes)
 
 
 def _state_conflict(scenario: Scenario, collisions: int) -> str:
-    """Why the required states leave no plan, with that many pairs too close at ends, or nothing."""
+    """Why the required states leave no plan, given collisions at the ends, or an empty string."""
     return _too_close(scenario) if collisions else _outside(scenario) or _meeting(scenario)
 
 

@@ -131,7 +131,7 @@ def independent_columns(problem: Problem) -> Int[Array, "6"] | None:
 
 @once_per_motion
 def facets_of(problem: Problem) -> tuple[Facets, ...] | None:
-    """The hulls of a motion, computed once; None if a state is not reachable or one too large."""
+    """Facets of the convex hulls, cached by motion; None if one is too large or degenerate."""
     scale = acceleration_scale(problem)
     reach = transfer_maps(problem).reach[-1] * scale[:, None]
     acts = np.abs(reach) > NEGLIGIBLE * np.abs(reach).max()

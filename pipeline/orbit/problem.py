@@ -148,7 +148,7 @@ class Problem:
 
 
 def once_per_motion(function: Callable[[Problem], Found]) -> Callable[[Problem], Found]:
-    """Cache what depends on orbit and time grid, and not on limits, radius or thrusters."""
+    """Decorator: cache a function of a problem by its orbit and time grid alone."""
     of_motion = lru_cache(maxsize=32)(function)
 
     @lru_cache(maxsize=32)

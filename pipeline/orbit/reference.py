@@ -39,7 +39,7 @@ class Reference:
 
 
 def is_epoch(given: object) -> bool:
-    """Whether a value is a date and time with a time zone, in the years that are accepted, UTC."""
+    """Whether a value is a date and time with a time zone, in UTC within the accepted years."""
     # Years first, since pandas' missing time has none
     if not isinstance(given, datetime) or not YEARS[0] <= given.year <= YEARS[1]:
         return False

@@ -36,7 +36,7 @@ class TransferMaps:
 
 @once_per_motion
 def transfer_maps(problem: Problem) -> TransferMaps:
-    """The maps of a problem's motion, computed once."""
+    """State transition matrices and control maps of all nodes, cached by orbit and time grid."""
     A, B = step_maps(problem)
     T, weight = problem.nodes, state_weight(problem)
     reach = np.zeros((T, 6, 3 * (T - 1)))

@@ -125,7 +125,7 @@ class PlanDocument(Strict):
 
 
 def _leaves(given: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """What is no object and no list in a JSON value, each with its path; of empty ones nothing."""
+    """Scalars in a JSON value, each with its path."""
     if isinstance(given, dict):
         parts = [(f"{place}.{name}", one) for name, one in given.items()]
     elif isinstance(given, list):

@@ -236,7 +236,7 @@ def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
 
 
 def scenario_list(scenarios: Iterable[Scenario]) -> list[Scenario]:
-    """Scenarios of any iterable as a list; InputError for anything else."""
+    """List of the scenarios of an iterable; InputError if it is none, or has anything else."""
     found = listed(scenarios)
     check_each("scenarios", found, Scenario)
     return found

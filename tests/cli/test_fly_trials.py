@@ -44,7 +44,7 @@ def plan(made, tmp_path):
 
 @pytest.fixture(scope="module")
 def flown(forked, made, tmp_path_factory):
-    """A folder in which the plan is flown in three ways, and the command's JSON answer."""
+    """Folder with Monte Carlo trials of a plan, flown in three ways, and the command's JSON."""
     folder = tmp_path_factory.mktemp("flown")
     write_plan(folder / "plan.json", made)
     done = forked.run(["fly", "plan.json", *TRIALS, "--replan", "every-node", "--json"], folder)

@@ -152,7 +152,7 @@ def drawn(tmp_path_factory):
 
 @pytest.fixture
 def weighty(drawn, tmp_path):
-    """A copy of the drawn folder, to be solved."""
+    """A copy of the sampled dataset, which is not solved yet."""
     return Path(shutil.copytree(drawn, tmp_path / "weighty"))
 
 

@@ -139,7 +139,7 @@ def test_controls_beyond_all_measure_are_refused_in_a_sentence(plan):
 @pytest.mark.parametrize("orbits", [0.5, 1.0])
 @pytest.mark.parametrize("off", [1e-4, 1e-7, 1e-8, 1e-9, 1e-12])
 def test_plans_of_time_steps_near_half_and_whole_orbits_can_be_shown(orbits, off):
-    """Controls grow beyond all measure there; those that cannot be computed with are not kept."""
+    """Where the controls would be too large to compute with, a planner lets the craft coast."""
     step = (1 + off) * orbits * 2 * np.pi / Problem.mean_motion
     scenario = replace(SCENARIO, problem=Problem(time_step=step))
     for planner in (*BASELINES, Expert()):

@@ -31,7 +31,7 @@ def report(results, cache, tmp_path_factory):
 
 
 def written(section):
-    """A section of a report as written: the names of its figures and tables, and its Markdown."""
+    """Names of the figures and tables of a report's section, and its Markdown."""
     writer = Writer()
     text = writer.write(section)
     return {one.name for one in (*writer.pictures, *writer.tables)}, text

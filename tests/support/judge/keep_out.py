@@ -128,7 +128,7 @@ def obstacle_at(one: Mapping[str, Any], problem: Case, time: float) -> np.ndarra
 
 
 def obstacle_track(one: Mapping[str, Any], problem: Case, times: np.ndarray) -> np.ndarray:
-    """Positions of an obstacle at k times, (k, 3)."""
+    """Positions of an obstacle at k times, LVLH, m, (k, 3)."""
     if "position" in one:
         return np.tile(np.array(one["position"], dtype=float), (len(times), 1))
     free, _ = exact_steps(problem.rate, times)
