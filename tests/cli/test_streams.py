@@ -133,7 +133,7 @@ def test_where_stdout_is_not_in_utf_8_people_read_on_and_documents_are_as_in_fil
 @pytest.mark.system
 def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, forked, tmp_path):
     prolearn("scenario", "new", "short.json", "--n", "2")
-    prolearn("scenario", "new", "long.json", "--n", "4", "--nodes", "1000")  # a minute and more
+    prolearn("scenario", "new", "long.json", "--n", "30", "--nodes", "1000")  # half a minute
     command = ["plan", "short.json", "long.json", "--out", "plans"]
     with (tmp_path / "said").open("w") as said:
         process = forked.start(LEAD, tmp_path, said, command)
