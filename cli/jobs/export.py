@@ -24,6 +24,7 @@ Measured = Mapping[str, Mapping[int, float]]  # metrics of experiment 2 by name,
 
 # Metrics of experiment 2 in the card, with their headings
 BY_SIZE = {
+    "exp2_flown_trials": "trials",
     "exp2_flown_safe_share": "safe share",
     "exp2_flown_collisions": "node collisions",
     "exp2_flown_fuel": "fuel, m/s²",
@@ -200,5 +201,9 @@ def _by_size(measured: Measured) -> Markdown:
     if not measured:
         return Markdown()
     sizes = sorted({n for by_n in measured.values() for n in by_n})
-    rows = [(n, *(f"{m[n]:.3g}" if n in m else "" for m in measured.values())) for n in sizes]
+    rows = [(n, *(_short(m[n]) if n in m else "" for m in measured.values())) for n in sizes]
     return table(("n", *(BY_SIZE[name] for name in measured)), rows)
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value.is_integer() else f"{value:.3g}"

@@ -28,6 +28,7 @@ from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART
 
 # The averages that a model's run has, by the name of its metric
 COMPARED = {
+    "trials": columns.TRIALS,
     "collisions": columns.COLLISIONS,
     "collisions_max": columns.MOST_COLLISIONS,
     "fuel": columns.FUEL,

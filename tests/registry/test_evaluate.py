@@ -19,6 +19,7 @@ from pipeline.networks.refiner import tensors
 from pipeline.networks.refiner.model import packaged
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
+from registry.metrics import model_metric_by_size
 from registry.models import list_versions
 from registry.results import experiment_run, table_of
 from registry.training import DatasetInfo
@@ -50,7 +51,9 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     monkeypatch.setattr(job, "add_to_model", add)
 
     assert not job.evaluate(asked, workers=ALONE, resume=True).earlier
-    assert all("exp1_flown_collisions" in version.metrics for version in list_versions())
+    for version in list_versions():
+        assert "exp1_flown_collisions" in version.metrics
+        assert model_metric_by_size(version, "exp2_flown_trials") == {CRAFT: 1}
     assert job.evaluate(asked, workers=ALONE, resume=True).earlier
 
 

@@ -183,7 +183,10 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
     folder: Path, ff1: Model, dataset: DatasetInfo
 ) -> None:
     (folder / "figures").mkdir()
-    measured = {3: {"exp2_flown_safe_share": 0.75}, 30: {"exp2_flown_safe_share": 0.125}}
+    measured = {
+        n: {"exp2_flown_trials": trials, "exp2_flown_safe_share": safe}
+        for n, trials, safe in ((3, 1000, 0.75), (30, 2, 0.125))
+    }
     used = ("data/paper", dataset.digest)
     add_model_results(resolve("ff1"), measured, folder / "figures", dataset=used)
 
@@ -191,7 +194,7 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
 
     card = (folder / "x.onnx.md").read_text(encoding="utf-8")
     rows = [re.findall(r"[^| ]+", line) for line in card.splitlines() if line.startswith("|")]
-    assert ["3", "0.75"] in rows and ["30", "0.125"] in rows
+    assert ["3", "1000", "0.75"] in rows and ["30", "2", "0.125"] in rows
     assert "apart: the share of unsafe plans is above. Check" in card
     assert "(safe: the plan keeps all limits of thrust, and no pair comes within" in card
     for word in ("m/s", "LVLH", "(batch, n, 6)", dataset.digest, "models:/prolearn-ff1/1"):
