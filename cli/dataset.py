@@ -2,7 +2,6 @@
 
 import os
 import re
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -12,7 +11,7 @@ from cli.output import echo, print_json, stdout_for_document
 from cli.progress import progress
 from cli.settings import AsJson, Family, FolderWorkers, ProblemSettings, SeparationOption, option
 from pipeline.errors import InputError
-from pipeline.text import public_url
+from pipeline.text import as_argument, public_url
 
 if TYPE_CHECKING:
     from pipeline.parallel.workers import Workers
@@ -75,7 +74,7 @@ def sample(
     where = public_url(out)
     many = f"{count} scenarios of n={n} are" if count != 1 else f"1 scenario of n={n} is"
     them = "them" if count != 1 else "it"
-    echo(f"{many} in {where}; solve {them}: prolearn solve {quote(where)}")
+    echo(f"{many} in {where}; solve {them}: prolearn solve {as_argument(where)}")
 
 
 @with_settings
@@ -229,12 +228,13 @@ def verify(
     elif not left:
         echo(f"{where} is mended: {many}.")
     elif not mend:
-        echo(f"{many} in {where}; mend it: prolearn verify {quote(where)} --repair", err=True)
+        echo(f"{many} in {where}; mend it: prolearn verify {as_argument(where)} --repair", err=True)
     else:
         echo(
             f"{many} in {where}, {len(left)} of them left: {left[0].path} holds sound rows, "
             "which the manifest does not expect. Compare the manifest with what you meant to "
-            f"make; to set them aside all the same: prolearn verify {quote(where)} --repair --yes",
+            "make; to set them aside all the same: prolearn verify "
+            f"{as_argument(where)} --repair --yes",
             err=True,
         )
     raise typer.Exit(int(bool(left)))

@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isfinite
 from pathlib import Path
-from shlex import quote
 from typing import Any
 
 from cli.output import echo, note, print_table
 from pipeline.figures.labels import MISSING, number
 from pipeline.files import STDIO
+from pipeline.text import as_argument
 
 Row = Mapping[str, Any]  # a plan's summary, its files, and the error of the linear model
 MOST_CRAFT = 12  # craft of a plan up to which the Δv of each is shown
@@ -196,6 +196,6 @@ def _remarks(row: Row) -> list[str]:
     if row["model_error"] > row["collision_radius"]:
         said.append(
             f"outside the linear model craft end some {row['model_error']:.2g} m off their goals, "
-            f"more than collision_radius: prolearn fly {quote(row['plan'])}"
+            f"more than collision_radius: prolearn fly {as_argument(row['plan'])}"
         )
     return said

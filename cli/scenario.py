@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,6 +25,7 @@ from cli.settings import (
 )
 from pipeline.errors import InputError
 from pipeline.files import refuse_special
+from pipeline.text import as_argument
 
 if TYPE_CHECKING:
     from pipeline.scenario import Diagnostic, Scenario
@@ -147,7 +147,7 @@ def new(
 
 def _say_written(scenario: Path, made: "Scenario") -> None:
     if stdout_free(scenario, as_json=False):
-        check = f"prolearn scenario check {quote(str(scenario))}"
+        check = f"prolearn scenario check {as_argument(scenario)}"
         echo(f"{scenario}: {_about(made)}; check it: {check}")
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import product
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,7 +12,7 @@ from cli.output import echo, print_json, print_result, stdout_for_document
 from cli.progress import progress
 from cli.settings import AsJson, TrainingSettings, TrainingWorkers, TuningSettings, option
 from pipeline.errors import InputError
-from pipeline.text import public_url
+from pipeline.text import as_argument, public_url
 
 if TYPE_CHECKING:
     from cli.jobs.train import Contest
@@ -158,5 +157,6 @@ def tune(
         f"Complete trials: {found.trials}, in {found.storage}; best {found.in_words} on "
         f"validation data; MLflow run {found.run_id}.",
         f"Train with its settings: prolearn train --arch {settings.arch} --recipe "
-        f"{settings.recipe} --data {quote(public_url(settings.data))} --n {settings.n} {options}",
+        f"{settings.recipe} --data {as_argument(public_url(settings.data))} --n {settings.n} "
+        f"{options}",
     )

@@ -1,6 +1,7 @@
 """Safe display of foreign text: invisible characters as escapes, URLs without secrets."""
 
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import quote, unquote
@@ -27,6 +28,12 @@ def visible(text: str, escape: Callable[[str], str] = _escape) -> str:
 def first_line(error: object) -> str:
     """The first line of an error's text, or its class where there is none."""
     return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
+def as_argument(place: object) -> str:
+    """A path or URL as one word of a command line that is not taken for an option."""
+    text = str(place)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 HIDDEN = "..."

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from shlex import quote
 from typing import Any, SupportsFloat
 
 import mlflow
@@ -26,6 +25,7 @@ from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
+from pipeline.text import as_argument
 from pipeline.training.loop import Trained
 from registry import entities, models
 from registry.environment import TRAINED_BY, environment_tags, requirements, with_architectures
@@ -124,7 +124,7 @@ def record_training(
             kept = _keep(folder, record)
             raise ProlearnError(
                 f"{error} The trained network is kept in {kept}; register it later with "
-                f"`prolearn models register {quote(str(kept))}`."
+                f"`prolearn models register {as_argument(kept)}`."
             ) from error
 
 

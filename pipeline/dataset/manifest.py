@@ -13,7 +13,6 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from shlex import quote
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, PositiveInt, ValidationError, WrapValidator
@@ -30,6 +29,7 @@ from pipeline.storage import COPY, DAMAGED, FOREIGN, LOCK, MANIFEST, TIMINGS, WR
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import read_checked
 from pipeline.storage.shards import Size
+from pipeline.text import as_argument
 
 CARD = "README.md"
 SCENARIOS = "_scenarios/"
@@ -206,7 +206,7 @@ def read_manifest(where: Where | Folder) -> Manifest:
     if fault:
         raise InputError(
             f"{MANIFEST} in {folder} {fault}, and its copy is sound; mend it with "
-            f"`prolearn verify {quote(str(folder))} --repair`."
+            f"`prolearn verify {as_argument(folder)} --repair`."
         )
     return manifest
 
@@ -234,7 +234,7 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
         what = "holds no dataset" if folder.names() else "is empty"
     raise InputError(
         f"{folder} {what}; expected a dataset folder: make one with "
-        f"`prolearn dataset --preset demo --out {quote(str(folder))}`."
+        f"`prolearn dataset --preset demo --out {as_argument(folder)}`."
     )
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from shlex import quote
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -16,7 +15,7 @@ from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.shards import decode, has_metadata, read_content, verified
-from pipeline.text import public_url
+from pipeline.text import as_argument, public_url
 
 TRAINING_COLUMNS = ("initial", "goal", "states")  # columns that training reads
 SELECTION_COLUMNS = ("split", "status")  # columns that decide whether a row is an example
@@ -30,7 +29,7 @@ def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard])
         if shard.solved not in manifest.shards:
             raise InputError(
                 f"{folder} is not solved at n={shard.n} ({shard.solved}); run "
-                f"`prolearn solve {quote(str(folder))}` first."
+                f"`prolearn solve {as_argument(folder)}` first."
             )
 
 
@@ -83,7 +82,7 @@ def shard_named(shard: Shard, folder: str) -> Iterator[None]:
     except InputError as error:
         raise InputError(
             f"{shard.solved} in {folder} {error}; mend the dataset with `prolearn verify "
-            f"{quote(folder)} --repair`."
+            f"{as_argument(folder)} --repair`."
         ) from error
 
 

@@ -1,6 +1,7 @@
 """sample, solve, dataset and verify as a person runs them, interruptions included."""
 
 import os
+import shlex
 import shutil
 import signal
 import time
@@ -133,11 +134,13 @@ def test_a_folder_that_cannot_be_written_to_is_status_1_and_a_file_in_its_place_
     assert "a file is a file; expected a folder" in complaint
 
 
-def test_a_command_that_is_said_can_be_pasted(tmp_path):
-    folder = tmp_path / "my swarms"
-    status, said, _ = run("sample", "--n", 2, "--count", 1, "--out", folder)
+@pytest.mark.parametrize("name", ["my swarms", "-swarms", "--shared"])
+def test_a_command_that_is_said_can_be_pasted(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    status, said, _ = run("sample", "--n", 2, "--count", 1, f"--out={name}")
     assert status == 0
-    assert said.endswith(f"prolearn solve '{folder}'\n")
+    (_, said) = said.split(": prolearn ")
+    assert run(*shlex.split(said))[0] == 0
 
 
 @pytest.fixture(scope="module")
