@@ -142,7 +142,8 @@ def plan(
     with explained_interrupt(kept), progress("planning") as shown, within_memory():
         shown.expect(len(asked) if len(asked) > 1 else 0)
         for group in _alike(asked):
-            with error_context(scenarios[len(rows)]):
+            named = scenarios[len(rows)]
+            with error_context(f"{kept()[:-1]}; {named}" if rows else named):
                 plans = chosen.plan(group)
             for made in plans:
                 path, target = scenarios[len(rows)], targets[len(rows)]
