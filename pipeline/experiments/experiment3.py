@@ -85,10 +85,10 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
     Rows have columns ``GROUP``, seeds, trials, those of ``AVERAGES`` and of ``time_ratios``;
     infinite gaps are left out.
     """
-    gap = warmstarts["optimality_gap"].astype(float)
+    gap, solved = warmstarts["optimality_gap"].astype(float), warmstarts["status"] == SOLVED
     rows = warmstarts.assign(
-        one=(warmstarts["convex_solves"] <= 1).astype(float),
-        solved=(warmstarts["status"] == SOLVED).astype(float),
+        one=(solved & (warmstarts["convex_solves"] <= 1)).astype(float),
+        solved=solved.astype(float),
         safe=averages.as_share(warmstarts["safe"]),
         gap=gap.where(np.isfinite(gap)),
     )
@@ -97,15 +97,14 @@ def summarize_warmstarts(warmstarts: pd.DataFrame) -> pd.DataFrame:
 
 
 def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
-    """Time from each seed over that without one, on the same trials.
+    """Time from each seed over that without one, on the trials that both solve.
 
     Rows have columns ``GROUP``, time_ratio, its geometric mean over the trials, and Student's
     interval of it, over the logarithms, as time_ratio_low and time_ratio_high; several trainings
     count as their mean. There is no ratio where an optimizer did not also run without a seed; the
     ratio of that run to itself has no interval.
     """
-    logs = warmstarts.assign(log=np.log(warmstarts["seconds"].astype(float)))
-    each = logs.groupby([*GROUP, "trial"], as_index=False)["log"].mean()
+    each = _solved(warmstarts).groupby([*GROUP, "trial"], as_index=False)["log"].mean()
     unseeded = each[each["seed"] == NO_SEED].drop(columns="seed")
     pairs = each.merge(unseeded, on=[*GROUP[:-1], "trial"], suffixes=("", "_unseeded"))
     pairs["longer"] = pairs["log"] - pairs["log_unseeded"]
@@ -117,6 +116,12 @@ def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
     ratios = np.exp(ratios.astype(float)).reset_index()
     ratios.loc[ratios["seed"] == NO_SEED, list(ENDS)] = np.nan
     return ratios
+
+
+def _solved(warmstarts: pd.DataFrame) -> pd.DataFrame:
+    """The runs that found a plan, with log, of their seconds: to give up early saves no time."""
+    solved = warmstarts[warmstarts["status"] == SOLVED]
+    return solved.assign(log=np.log(solved["seconds"].astype(float)))
 
 
 def seeds_in_order(seeds: Iterable[str]) -> list[str]:
@@ -242,16 +247,16 @@ def paper_findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
 
     The variation of times is their mean deviation from the median of their seed (M. Brown,
     A. Forsythe, "Robust tests for the equality of variances", Journal of the American Statistical
-    Association 69, 1974). Seeds are compared on the same trials.
+    Association 69, 1974). Seeds are compared on the trials that both solve.
     """
-    rows = _converged(warmstarts, PLAIN)
+    rows = _solved(_converged(warmstarts, PLAIN))
     networks = rows[rows["seed"].map(planner_of).map(labels.is_of_paper).astype(bool)]
     if networks.empty:
         return
     several = bool(networks.groupby("seed")["training_seed"].nunique().min() > 1)
     seconds = rows["seconds"].astype(float)
     median = seconds.groupby([rows["seed"], rows["training_seed"]]).transform("median")
-    each = rows.assign(away=(seconds - median).abs(), log=np.log(seconds))
+    each = rows.assign(away=(seconds - median).abs())
     away, logs = (each.pivot_table(name, "trial", "seed") for name in ("away", "log"))
     seeds = seeds_in_order(networks["seed"])
     line = [(seed, LINE) for seed in seeds if LINE in away]
