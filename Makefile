@@ -6,6 +6,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= -1
+DATA ?= data/paper
 PORT ?= 5000
 FF := ff1,ff2,ffcol
 LSTM := lstm1,lstm2,lstmcol
@@ -67,18 +68,17 @@ demo-refiner:
 demo-flights:
 	$(DEMO) flights --data data/demo --trials 5 --flights 4 --jobs 1
 demo-evaluate:
-	$(DEMO) evaluate --data data/demo --timed 5
+	$(DEMO) evaluate --data data/demo --timed 5 --jobs $(JOBS)
 demo-warmstart:
 	$(DEMO) warmstart --data data/demo --n 10,30 --trials 10
 demo-plain:
 	$(DEMO) warmstart --data data/demo --optimizer plain --trials 4
 demo-times:
-	$(DEMO) transfer-times --data data/demo --nodes 6,11,21 --trials 10
+	$(DEMO) transfer-times --data data/demo --nodes 6,11,21 --trials 10 --jobs $(JOBS)
 
 dataset: $(BIN)/prolearn ## the paper's dataset: 10,000 scenarios of n=10, 100 of each n=2..30, some of 60, 100, 300
-	$(BIN)/prolearn dataset --preset paper --out data/paper --jobs $(JOBS)
+	$(BIN)/prolearn dataset --preset paper --out $(DATA) --jobs $(JOBS)
 
-DATA ?= data/paper
 EPOCHS ?=
 ARCH ?= ff1
 RECIPE ?= tuned
@@ -98,14 +98,14 @@ train-all: $(BIN)/prolearn ## the six networks in both recipes and the refiner i
 	$(BIN)/prolearn train --arch $(REFINER) --seed $(call seeds,$(REFINER_SEEDS)) --recipe tuned --data $(DATA) $(EPOCHS:%=--epochs %) --resume
 
 evaluate: $(BIN)/prolearn ## experiments 1 and 2, and swarms beyond n=30
-	$(BIN)/prolearn evaluate --data $(DATA) --resume
+	$(BIN)/prolearn evaluate --data $(DATA) --jobs $(JOBS) --resume
 
 warmstart: $(BIN)/prolearn ## experiment 3, with the expert and with a plain SCP
 	$(BIN)/prolearn warmstart --data $(DATA) --resume
 	$(BIN)/prolearn warmstart --data $(DATA) --optimizer plain --n 10 --trials 100 --resume
 
 transfer-times: $(BIN)/prolearn ## experiment 4
-	$(BIN)/prolearn transfer-times --data $(DATA) --resume
+	$(BIN)/prolearn transfer-times --data $(DATA) --jobs $(JOBS) --resume
 
 flights: $(BIN)/prolearn ## experiment 5
 	$(BIN)/prolearn flights --data $(DATA) --jobs $(JOBS) --resume
