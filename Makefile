@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo demo-ff demo-lstm demo-refiner demo-flights demo-evaluate demo-warmstart demo-plain demo-times dataset train train-all evaluate warmstart transfer-times flights report paper ui test coverage torture lint bench docs lock release clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-16s%s\n", $$1, $$2}'
 
 TOO_OLD := prolearn needs Python 3.11 or later; $(PYTHON) is %d.%d: make PYTHON=python3.13, or another
 
@@ -49,11 +49,13 @@ $(BIN)/sphinx-build: $(BIN)/prolearn requirements/docs.txt
 	$(call INSTALL,requirements/docs.txt)
 	@touch $@
 
+# Keeps the lines of targets at work at once apart; GNU make 3.81, which macOS has, cannot.
+SYNC = $(if $(filter output-sync,$(.FEATURES)),--output-sync)
 DEMO = OMP_NUM_THREADS=1 $(BIN)/prolearn
 demo: $(BIN)/prolearn ## the whole pipeline at small scale: dataset, seven networks, experiments, report
 	$(BIN)/prolearn dataset --preset demo --out data/demo --jobs $(JOBS)
-	$(MAKE) --jobs 2 --output-sync demo-lstm demo-ff demo-refiner
-	$(MAKE) --jobs 2 --output-sync demo-flights demo-evaluate demo-warmstart demo-plain demo-times
+	$(MAKE) --jobs 2 $(SYNC) demo-lstm demo-ff demo-refiner
+	$(MAKE) --jobs 2 $(SYNC) demo-flights demo-evaluate demo-warmstart demo-plain demo-times
 	$(BIN)/prolearn report --out reports
 	@echo "Report: reports/report.html. Compare the runs in the MLflow UI: make ui"
 
@@ -88,7 +90,7 @@ train: $(BIN)/prolearn ## one network: make train ARCH=lstm2 RECIPE=paper
 SEEDS ?= 1
 LSTM_SEEDS ?= $(SEEDS)
 REFINER_SEEDS ?= $(SEEDS)
-seeds = $(shell seq --separator=, 0 $$(($(1) - 1)))
+seeds = $(shell seq 0 $$(($(1) - 1)) | paste -s -d , -)
 train-all: $(BIN)/prolearn ## the six networks in both recipes and the refiner in its own, each trained SEEDS times
 	for recipe in tuned paper; do \
 	  for family in "$(FF) --seed $(call seeds,$(SEEDS))" "$(LSTM) --seed $(call seeds,$(LSTM_SEEDS))"; do \

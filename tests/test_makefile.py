@@ -8,11 +8,16 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-def commands(*given):
-    """The lines of prolearn's commands that make would run."""
+def dry_run(*given):
+    """The lines that make would run."""
     made = subprocess.run(["make", "--dry-run", *given], capture_output=True, text=True, cwd=ROOT)
     assert made.returncode == 0, made.stderr
-    return [line for line in made.stdout.splitlines() if "bin/prolearn " in line]
+    return made.stdout.splitlines()
+
+
+def commands(*given):
+    """Those that run a command of prolearn."""
+    return [line for line in dry_run(*given) if "bin/prolearn " in line]
 
 
 def test_the_whole_paper_is_of_the_data_that_are_named():
@@ -27,3 +32,16 @@ def test_every_stage_with_workers_has_as_many_as_are_asked_for(target):
     for stage in ("dataset", "evaluate", "transfer-times"):
         (line,) = (line for line in found if f"bin/prolearn {stage} " in line)
         assert "--jobs 3" in line, line
+
+
+def test_the_make_of_macos_which_cannot_keep_lines_of_parallel_targets_apart_makes_the_demo():
+    option = "--output-sync"
+    assert any(option in line for line in dry_run("demo"))
+    assert not any(option in line for line in dry_run("demo", ".FEATURES=archives"))
+
+
+def test_seeds_are_counted_from_0():
+    found = "\n".join(dry_run("paper", "SEEDS=3", "LSTM_SEEDS=1"))
+    assert "ff1,ff2,ffcol --seed 0,1,2" in found
+    assert 'lstm1,lstm2,lstmcol --seed 0"' in found
+    assert "refiner --seed 0,1,2" in found
