@@ -87,8 +87,10 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
     numbers: set[int] = set()
     try:
         for part in text.split(","):
-            first, _, last = part.partition("..")
-            wanted = range(int(first), int(last or first) + 1)
+            first, dots, last = part.partition("..")
+            wanted = range(int(first), int(last if dots else first) + 1)
+            if not wanted:
+                raise ValueError("the range is empty")
             if len(numbers) + len(wanted) > MOST_LISTED:
                 raise InputError(f"{option} is {text!r}; expected at most {MOST_LISTED} numbers.")
             numbers |= set(wanted)

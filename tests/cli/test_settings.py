@@ -84,6 +84,9 @@ def test_an_error_of_0_is_one_that_is_given():
 def test_names_and_numbers_of_a_list_count_once():
     assert name_list(" ff1,ff2, ff1,,") == ["ff1", "ff2"]
     assert int_list("3,1..3,2", "--seed", least=0) == [1, 2, 3]
+    for text in ("2..", "5,2..", "5,9..7"):  # each would leave out what was meant
+        with pytest.raises(InputError, match=r"from 1 to 4294967295, such as 10"):
+            int_list(text)
 
 
 def test_a_number_that_is_too_large_is_told_the_largest():
