@@ -115,11 +115,12 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> Iterator[Finding]:
     trials = averages.prepared(times[times["reading"] != PREDICTED])
     trials = trials.assign(minutes=_minutes(trials))
     nodes, time_step = trained_on(times)
+    home = f"transfers of {(nodes - 1) * time_step / 60:g} min"
     for varied, called in zip(VARIED, ("nodes T", "time steps Δt"), strict=True):
         rows = rows_varying(trials, varied).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
-        predicate = f"trained for {(nodes - 1) * time_step / 60:g} min work with other {called}?"
+        predicate = f"trained for {home} work with other {called}?"
         everywhere = rows["minutes"].nunique()
         decoupled = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
         baseline = f"Decoupled optimum: {_worst(decoupled)}" if decoupled else ""

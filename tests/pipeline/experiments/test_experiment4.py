@@ -192,7 +192,7 @@ CHEAP = dict.fromkeys((10, 20, 40), 1.05)
 def test_a_transfer_time_is_served_where_plans_are_proven_safe_and_cheap(rows, safe, fuel, verdict):
     training = trained(("ff1", "tuned", 0.9, 1.0), ("lstm1", "tuned", 0.5, 1.0))
     nodes, steps = times_findings(lstms_at(rows, safe, fuel), training)
-    assert "for 20 min work with other nodes T" in nodes.question
+    assert "trained for transfers of 20 min work with other nodes T" in nodes.question
     assert nodes.verdict == verdict
     assert nodes.numbers.startswith("LSTM1 tuned, the only one that fits: at worst safe in ")
     assert steps.numbers.startswith("FF1 tuned, best on validation of those"), (
