@@ -47,6 +47,7 @@ def test_it_is_said_in_how_many_trials_the_expert_has_no_safe_plan(trials):
     first = (trials["planner"] == "expert") & (trials["trial"] == 0)
     infeasible = trials.assign(safe=trials["safe"].mask(first, False))
     assert "In 1 of the trials the expert has no safe plan" in text(infeasible)
+    assert "All averages are of all trials, these included: its fuel" in text(infeasible)
 
 
 def test_predicted_rows_show_their_errors_and_no_safety(trials):
