@@ -119,7 +119,10 @@ paper: dataset train-all evaluate warmstart transfer-times flights report ## the
 
 ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	$(BIN)/python -c 'from registry.store import connect; connect()'
-	$(BIN)/mlflow ui --backend-store-uri $${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db} --port $(PORT)
+	@case "$$MLFLOW_TRACKING_URI" in \
+	  http:* | https:*) echo "The tracking server that MLFLOW_TRACKING_URI names has the UI: open its address." ;; \
+	  *) $(BIN)/mlflow ui --backend-store-uri "$${MLFLOW_TRACKING_URI:-sqlite:///mlflow.db}" --port $(PORT) ;; \
+	esac
 
 MARKS ?= system or not system
 test: $(BIN)/pytest $(BIN)/sphinx-build ## the tests; MARKS="not system" without those that need a browser, servers or kills

@@ -1,5 +1,6 @@
 """The targets of the Makefile, by the commands that they would run."""
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -45,3 +46,25 @@ def test_seeds_are_counted_from_0():
     assert "ff1,ff2,ffcol --seed 0,1,2" in found
     assert 'lstm1,lstm2,lstmcol --seed 0"' in found
     assert "refiner --seed 0,1,2" in found
+
+
+def test_the_ui_of_a_tracking_server_is_at_its_address(tmp_path):
+    """The store is connected to and the UI begun by programs that only say so."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name in ("prolearn", "python", "mlflow"):
+        (programs / name).write_text(f'#!/bin/sh\necho {name} "$@"\n')
+        (programs / name).chmod(0o755)
+    asked = ["make", "ui", f"BIN={programs}", "PORT=5001", f"--old-file={programs}/prolearn"]
+    said = {}
+    for uri in ("https://mlflow.example", "sqlite:////tmp/a b.db", ""):
+        env = os.environ | {"MLFLOW_TRACKING_URI": uri}
+        made = subprocess.run(asked, capture_output=True, text=True, cwd=ROOT, env=env)
+        assert made.returncode == 0, made.stderr
+        said[uri] = made.stdout.splitlines()[-1]
+    own = "mlflow ui --backend-store-uri {} --port 5001"
+    assert said.pop("https://mlflow.example").endswith("has the UI: open its address.")
+    assert said == {
+        "sqlite:////tmp/a b.db": own.format("sqlite:////tmp/a b.db"),
+        "": own.format("sqlite:///mlflow.db"),
+    }
