@@ -7,13 +7,26 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+# Without what a make that runs the tests tells those below it, and with nothing of a store
+ENVIRONMENT = {
+    name: value
+    for name, value in os.environ.items()
+    if name not in {"MAKEFLAGS", "MAKELEVEL", "MFLAGS", "MLFLOW_TRACKING_URI"}
+}
+
+
+def make(*given, **variables):
+    """The lines that make prints."""
+    made = subprocess.run(
+        ["make", *given], capture_output=True, text=True, cwd=ROOT, env=ENVIRONMENT | variables
+    )
+    assert made.returncode == 0, made.stderr
+    return made.stdout.splitlines()
 
 
 def dry_run(*given):
     """The lines that make would run."""
-    made = subprocess.run(["make", "--dry-run", *given], capture_output=True, text=True, cwd=ROOT)
-    assert made.returncode == 0, made.stderr
-    return made.stdout.splitlines()
+    return make("--dry-run", *given)
 
 
 def commands(*given):
@@ -55,13 +68,11 @@ def test_the_ui_of_a_tracking_server_is_at_its_address(tmp_path):
     for name in ("prolearn", "python", "mlflow"):
         (programs / name).write_text(f'#!/bin/sh\necho {name} "$@"\n')
         (programs / name).chmod(0o755)
-    asked = ["make", "ui", f"BIN={programs}", "PORT=5001", f"--old-file={programs}/prolearn"]
-    said = {}
-    for uri in ("https://mlflow.example", "sqlite:////tmp/a b.db", ""):
-        env = os.environ | {"MLFLOW_TRACKING_URI": uri}
-        made = subprocess.run(asked, capture_output=True, text=True, cwd=ROOT, env=env)
-        assert made.returncode == 0, made.stderr
-        said[uri] = made.stdout.splitlines()[-1]
+    asked = ["ui", f"BIN={programs}", "PORT=5001", f"--old-file={programs}/prolearn"]
+    said = {
+        uri: make(*asked, MLFLOW_TRACKING_URI=uri)[-1]
+        for uri in ("https://mlflow.example", "sqlite:////tmp/a b.db", "")
+    }
     own = "mlflow ui --backend-store-uri {} --port 5001"
     assert said.pop("https://mlflow.example").endswith("has the UI: open its address.")
     assert said == {
