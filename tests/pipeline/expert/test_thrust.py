@@ -13,6 +13,7 @@ from judged import document, judged
 from scipy.optimize import Bounds, LinearConstraint, milp
 from thrusting import AXES, FIVE, MODELS, drawn, least, with_thrust
 
+from pipeline.errors import InputError
 from pipeline.expert import mixed_integer, solve, solve_many
 from pipeline.expert.solvers import new_highs
 from pipeline.orbit.decoupled import minimum_limits
@@ -469,3 +470,18 @@ def test_limits_about_the_least_are_answered_without_a_warning():
         plan = solve(with_thrust(free, Thrust(), limit=limit))
         low, high = (low, limit) if plan.status == SOLVED else (limit, high)
     assert high - low < 1e-8 * high
+
+
+@pytest.mark.parametrize(
+    ("directions", "said"),
+    [
+        (AXES[:3], "thrust has 3 directions; expected 4 to 64"),
+        ((*AXES[:5], (0.0, 0.0, -2.0)), r"thrust\[5\] has length 2; expected a direction"),
+        ((*AXES[:5], (0.0, 0.0, -1e300)), r"thrust\[5\] has length 1e\+300"),
+        (AXES[:5], "do not push all ways"),
+    ],
+    ids=["few", "long", "endless", "one-sided"],
+)
+def test_directions_that_are_none_are_refused_in_a_sentence(directions, said):
+    with pytest.raises(InputError, match=said):
+        Thrust(tuple(directions))
