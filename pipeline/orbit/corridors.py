@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from reprlib import repr as brief
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from pipeline.orbit.nearest import Nearest, no_pairs
 from pipeline.orbit.partition import least_of_each
 from pipeline.orbit.problem import Problem
 
+MOST_CORRIDORS = 500  # of a scenario: every face of each is looked at for every craft
 SIDES = 16  # of the pyramid inscribed in an approach cone; its inradius is 98 % of the cone's
 MOST_NARROWED = 0.9  # largest share of its width by which a box is made narrower
 # Half-angle of a cone, deg; sides of narrower ones are lost in rounding
@@ -153,15 +155,21 @@ class Corridor:
 
 def check_corridors(corridors: Sequence[Corridor], n: int, problem: Problem) -> None:
     """Raise InputError for corridors of craft that do not exist or times outside the transfer."""
+    if len(corridors) > MOST_CORRIDORS:
+        raise InputError(
+            f"there are {len(corridors)} corridors; expected at most {MOST_CORRIDORS}: leave out "
+            "those that others are inside of."
+        )
     for k, one in enumerate(corridors):
         if not 0 <= one.begin <= one.end <= problem.duration + ROUNDING * problem.time_step:
             raise InputError(
                 f"corridors[{k}] is from {one.begin:g} to {one.end:g} s; expected times from 0 to "
                 f"{problem.duration:g} s, the transfer's duration, the second not before the first."
             )
-        if not all(0 <= craft < n for craft in one.craft):
+        if not all(0 <= craft < n for craft in one.craft) or len({*one.craft}) < len(one.craft):
             raise InputError(
-                f"corridors[{k}] names craft {one.craft}; expected numbers from 0 to {n - 1}."
+                f"corridors[{k}] names craft {brief(one.craft)}; expected numbers from 0 to "
+                f"{n - 1}, each once."
             )
 
 

@@ -200,6 +200,8 @@ def test_what_does_not_count_them_refuses_them():
         (lambda: approach(corridors=(replace(BOX, end=1201.0),)), "from 0 to 1200 s"),
         (lambda: approach(corridors=(replace(BOX, begin=900.0, end=800.0),)), "not before"),
         (lambda: approach(corridors=(replace(BOX, craft=(2,)),)), "numbers from 0 to 1"),
+        (lambda: approach(corridors=(replace(BOX, craft=(1,) * 5000),)), "0 to 1, each once"),
+        (lambda: approach(corridors=(BOX,) * 20_000), "20000 corridors; expected at most 500"),
     ],
 )
 def test_what_is_no_corridor_is_refused_in_a_sentence(make, said):
