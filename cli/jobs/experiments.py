@@ -292,9 +292,16 @@ def flights(
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
     check_flights(settings.flights, settings.seed)
+    manifest = read_manifest(settings.data)
+    if manifest.problem.orbit is not None:
+        raise InputError(
+            f"the scenarios of {public_url(settings.data)} are about an orbit of their own; "
+            "expected ones about a circle, which are flown about orbits of several "
+            "eccentricities: sample some by --altitude."
+        )
     inputs = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = inputs.scenarios[settings.n], []
-    if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
+    if settings.n < LARGEST_SIZE and LARGEST_SIZE in manifest.samples:
         larger = solved_scenarios(settings.data, LARGEST_SIZE, "test")
         larger = larger[: min(MOST_LARGER, settings.trials or MOST_LARGER)]
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FLOWN_BASELINES]

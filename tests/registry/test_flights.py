@@ -10,9 +10,13 @@ import pytest
 from cli.jobs.experiments import evaluate, flights
 from cli.jobs.report import report
 from cli.settings import Evaluation, Flights
+from pipeline.dataset.making import sample
+from pipeline.dataset.samples import Sample
 from pipeline.errors import InputError
 from pipeline.experiments.records import LINEAR, NO_ERRORS, OPEN, REPLANNED
 from pipeline.networks.recipes import Recipe
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
@@ -100,6 +104,14 @@ def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solv
     assert found is not None
     assert set(table_of(found).planner) == {"expert", "minimum energy", "decoupled optimum"}
     assert found.params["models"] == ""
+
+
+def test_scenarios_about_an_orbit_of_their_own_are_refused(folder: Path) -> None:
+    """They would be flown about others, on which what they plan for is not to be had."""
+    problem = Problem().about(ReferenceOrbit(7e6, 0.05, 50.0))
+    sample(folder / "data", {CRAFT: Sample("rings", count=4)}, problem, workers=Workers(1))
+    with pytest.raises(InputError, match="about an orbit of their own; expected ones about a circ"):
+        fly(folder / "data")
 
 
 @pytest.mark.parametrize("wrong", [{"flights": 0}, {"seed": -1}])
