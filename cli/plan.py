@@ -204,6 +204,9 @@ def tradeoff(
     (Kneedle), if that distance is at least 0.1 and a minute more saves at most half as much after
     it as before; else there is none. The exit status is 1 where no duration has a safe plan.
 
+    About an orbit that is no circle, states that do not drift depend on the time: there goals must
+    be moving, unless they may drift.
+
     Examples:
 
         prolearn tradeoff scenario.json --duration 10..60min

@@ -20,6 +20,7 @@ from pipeline.plan.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner, plans_of
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
+from pipeline.scenario.validation import DRIFTING, drifts
 
 # fixed: the goal states for every duration; moving: states on the passive orbits that reach these
 # after the scenario's own duration
@@ -87,8 +88,14 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
     return sorted({round(float(arcs)) for arcs in spread})
 
 
-def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
-    """The scenario with another number of arcs of the same length; a moving goal drifts freely."""
+def with_arcs(
+    scenario: Scenario, arcs: int, goal: Goal = "fixed", *, allow_drift: bool = False
+) -> Scenario:
+    """The scenario with another number of arcs of the same length; a moving goal drifts freely.
+
+    InputError where that is too short for waypoints and corridors or, unless ``allow_drift`` or the
+    ends are any, where fixed goals drift at their new time, as they do but about a circle.
+    """
     problem = replace(scenario.problem, nodes=arcs + 1)
     check_choice("goal", goal, get_args(Goal))
     waypoints = [one.time + problem.time_step for one in scenario.waypoints if one.time is not None]
@@ -100,7 +107,15 @@ def with_arcs(scenario: Scenario, arcs: int, goal: Goal = "fixed") -> Scenario:
             "out."
         )
     if goal == "fixed":
-        return replace(scenario, problem=problem)
+        fixed = replace(scenario, problem=problem)
+        passive = problem.orbit is not None and scenario.ends == "passive" and not allow_drift
+        if passive and drifts(fixed):
+            raise InputError(
+                f"a transfer of {problem.duration:g} s is asked for, and about this orbit craft at "
+                "the goals drift then; expected none that do: let goals move (--goal moving, in "
+                f'Python goal="moving"), or {DRIFTING}.'
+            )
+        return fixed
     A = problem.dynamics.drift(scenario.problem.intervals, arcs)
     return replace(scenario, problem=problem, goal=scenario.goal @ A.T)
 
@@ -111,12 +126,15 @@ def tradeoff(
     planner: Planner,
     goal: Goal = "fixed",
     progress: Progress = SILENT,
+    *,
+    allow_drift: bool = False,
 ) -> list[Point]:
     """The plans for some numbers of thrust arcs, in that order; progress is told of each."""
+    asked = [with_arcs(scenario, number, goal, allow_drift=allow_drift) for number in arcs]
     progress.expect(len(arcs))
     points = []
-    for number in arcs:
-        (plan,) = plans_of(planner, [with_arcs(scenario, number, goal)])
+    for one in asked:
+        (plan,) = plans_of(planner, [one])
         points.append(Point(plan))
         progress.done()
     return points

@@ -42,10 +42,11 @@ def trade(
     """
     for file in (out / TABLE, out / PLANS / PLAN):
         refuse_unwritable(file)
-    scenario = read_checked(path, allow_drift=settings.allow_drift)
+    drift = settings.allow_drift
+    scenario = read_checked(path, allow_drift=drift)
     step = scenario.problem.time_step
     arcs = arcs_between(*durations, step, settings.steps)
-    points = tradeoff(scenario, arcs, planner, settings.goal, progress)
+    points = tradeoff(scenario, arcs, planner, settings.goal, progress, allow_drift=drift)
     bend = knee_of(points)
     rows = [_row(point, out, knee=k == bend) for k, point in enumerate(points)]
     for point, row in zip(points, rows, strict=True):

@@ -10,11 +10,13 @@ from judged import document
 from pipeline.errors import InputError
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.rings import energy_mismatch
 from pipeline.orbit.thrust import Thrust
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw
+from pipeline.scenario.validation import drifts
 from pipeline.scenario.waypoint import Waypoint
 from pipeline.tradeoff import arcs_between, tradeoff, tradeoff_figure, with_arcs
 
@@ -64,6 +66,19 @@ def test_a_moving_goal_is_where_free_drift_takes_it(arcs):
     assert (moved.problem.duration, moved.problem.time_step) == (arcs * 120.0, 120.0)
     assert np.array_equal(with_arcs(SCENARIO, arcs).goal, SCENARIO.goal)
     assert np.array_equal(moved.initial, SCENARIO.initial)
+
+
+def test_about_an_orbit_goals_that_drift_at_another_time_are_refused_unless_they_may():
+    """There the states of a formation that stays depend on where on the orbit it is."""
+    about = Problem().about(ReferenceOrbit(7e6, 0.05, 50.0))
+    scenario = draw("rings", 5, 4, 0, about, "valid")
+    assert not drifts(with_arcs(scenario, 10))
+    for arcs in (5, 15):
+        assert not drifts(with_arcs(scenario, arcs, "moving"))
+        with pytest.raises(InputError, match="about this orbit craft at the goals drift then"):
+            with_arcs(scenario, arcs)
+        assert drifts(with_arcs(scenario, arcs, allow_drift=True))
+        assert drifts(with_arcs(replace(scenario, ends="any"), arcs))
 
 
 @pytest.mark.parametrize("planner", [Expert(), GoalAssignment(Expert())], ids=["given", "optimal"])
