@@ -11,7 +11,7 @@ import pandas as pd
 from cli.jobs.run_tables import add_to_model
 from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
-from pipeline.dataset.manifest import read_manifest
+from pipeline.dataset.manifest import Manifest, read_manifest
 from pipeline.dataset.reading import solved_scenarios, without_rows
 from pipeline.errors import InputError, check_choice, check_whole
 from pipeline.experiments.example_transfer import example_transfer, write_example
@@ -179,6 +179,17 @@ def held_out(
     return HeldOut(settings, manifest.digest(), scenarios, chosen)
 
 
+def about_a_circle(data: Where, why: str) -> Manifest:
+    """The manifest of a dataset; InputError, with the reason, where it is about another orbit."""
+    manifest = read_manifest(data)
+    if manifest.problem.orbit is not None:
+        raise InputError(
+            f"the scenarios of {public_url(data)} are about an orbit of their own; expected ones "
+            f"about a circle, since {why}: sample some by --altitude."
+        )
+    return manifest
+
+
 def check_device(name: str | None, workers: Workers | None) -> None:
     """Raise InputError for a torch device that workers of this machine would not have."""
     if name is not None and (workers is None or workers.scheduler is None):
@@ -256,6 +267,7 @@ def transfer_times(
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     check_device(settings.device, workers)
+    about_a_circle(settings.data, "about others where goals do not drift depends on the time")
     inputs = held_out(settings, [settings.n], device=settings.device)
     scenarios = inputs.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
@@ -292,13 +304,7 @@ def flights(
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
     check_flights(settings.flights, settings.seed)
-    manifest = read_manifest(settings.data)
-    if manifest.problem.orbit is not None:
-        raise InputError(
-            f"the scenarios of {public_url(settings.data)} are about an orbit of their own; "
-            "expected ones about a circle, which are flown about orbits of several "
-            "eccentricities: sample some by --altitude."
-        )
+    manifest = about_a_circle(settings.data, "flights are about orbits of several eccentricities")
     inputs = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
     scenarios, larger = inputs.scenarios[settings.n], []
     if settings.n < LARGEST_SIZE and LARGEST_SIZE in manifest.samples:

@@ -193,8 +193,9 @@ def run_transfer_times(
 ) -> pd.DataFrame:
     """Trials of all planners that fit, in every variation, with the same initial and goal states.
 
-    The ends of the scenarios, of one problem and one n, stay the same, since passive formations
-    depend on the orbit alone. A row a trial: varied, nodes, time_step and the columns of Trial.
+    The ends of the scenarios, of one problem about a circle and one n, stay the same, since
+    passive formations depend on the orbit alone. A row a trial: varied, nodes, time_step and the
+    columns of Trial.
     """
     comparisons = [
         Comparison(

@@ -7,9 +7,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from cli.jobs.experiments import evaluate, flights
+from cli.jobs.experiments import evaluate, flights, transfer_times
 from cli.jobs.report import report
-from cli.settings import Evaluation, Flights
+from cli.settings import Evaluation, Flights, TransferTimes
 from pipeline.dataset.making import sample
 from pipeline.dataset.samples import Sample
 from pipeline.errors import InputError
@@ -106,12 +106,18 @@ def test_without_a_refiner_expert_and_baselines_fly_alone(registered: None, solv
     assert found.params["models"] == ""
 
 
-def test_scenarios_about_an_orbit_of_their_own_are_refused(folder: Path) -> None:
-    """They would be flown about others, on which what they plan for is not to be had."""
+@pytest.mark.parametrize(
+    ("run", "settings", "why"),
+    [(flights, Flights, "flights are"), (transfer_times, TransferTimes, "about others")],
+)
+def test_scenarios_about_an_orbit_of_their_own_are_refused(
+    run: Callable[..., Recorded], settings: Callable[..., Any], why: str, folder: Path
+) -> None:
+    """They would be flown about other orbits, or end in formations that drift."""
     problem = Problem().about(ReferenceOrbit(7e6, 0.05, 50.0))
     sample(folder / "data", {CRAFT: Sample("rings", count=4)}, problem, workers=Workers(1))
-    with pytest.raises(InputError, match="about an orbit of their own; expected ones about a circ"):
-        fly(folder / "data")
+    with pytest.raises(InputError, match=f"an orbit of their own; .* a circle, since {why}"):
+        run(settings(data=str(folder / "data"), n=CRAFT))
 
 
 @pytest.mark.parametrize("wrong", [{"flights": 0}, {"seed": -1}])
