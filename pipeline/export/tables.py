@@ -21,6 +21,7 @@ METADATA_KEY = b"prolearn"
 STATE, CONTROL = ("x", "y", "z", "vx", "vy", "vz"), ("ux", "uy", "uz")
 BESIDE = ("times", "states", "controls")  # columns of a table; other fields are metadata
 GRAVITY = 9.80665  # standard acceleration of free fall, by which specific impulse is defined, m/s²
+LEAST, MOST = 1e-12, 1e6  # of masses, kg, as in scenarios, and of specific impulses, s
 
 NumberOrEach = float | Sequence[float | None]
 
@@ -81,7 +82,7 @@ class Masses:
         """Masses, kg, and specific impulses, s, of n craft; None where no mass is given.
 
         Each is one number for all craft, or one for each, None where it is not known. InputError
-        for other counts, numbers that are not positive, or specific impulses without masses.
+        for other counts, numbers out of range, or specific impulses without masses.
         """
         if mass is None and specific_impulse is not None:
             raise InputError("specific_impulse is given without mass; expected both.")
@@ -92,13 +93,13 @@ class Masses:
 
 def _per_craft(name: str, given: NumberOrEach, n: int) -> Float[Array, "n"]:
     values = np.atleast_1d(np.array(as_lists(given), dtype=object))
-    fine = all(one is None or (is_number(one) and 0 < one < np.inf) for one in values.flat)
+    fine = all(one is None or (is_number(one) and LEAST <= one <= MOST) for one in values.flat)
     if not fine or values.shape not in ((1,), (n,)):
         few = values.ravel()[:4].tolist()
         said = ", ".join(f"{one:g}" if is_number(one) else brief(one) for one in few)
         raise InputError(
-            f"{name} is {said}{', ...' if values.size > 4 else ''}; expected a positive number for "
-            f"all craft, or one for each of {n}."
+            f"{name} is {said}{', ...' if values.size > 4 else ''}; expected a number "
+            f"from {LEAST:g} to {MOST:g} for all craft, or one for each of {n}."
         )
     return np.broadcast_to(values.astype(float), n).copy()
 

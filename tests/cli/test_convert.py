@@ -241,7 +241,7 @@ def test_an_unsafe_plan_is_a_list_of_burns_too_with_status_1(prolearn, planned, 
     [
         (("opm",), "expected mass (kg) and specific_impulse (s)"),
         (("opm", "--mass", "12"), "the specific impulse is not known"),
-        (("opm", "--mass", "1,2", "--specific-impulse", "220"), "mass is 1, 2; expected a posi"),
+        (("opm", "--mass", "1,2", "--specific-impulse", "220"), "mass is 1, 2; expected a numb"),
         (("burns", "--specific-impulse", "220"), "specific_impulse is given without mass"),
         (("burns", "--mass", "heavy"), "--mass is 'heavy'; expected numbers"),
         (("basilisk", *MASSES), "specific_impulse is given, and basilisk has no place for it"),

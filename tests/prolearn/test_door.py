@@ -473,7 +473,7 @@ def test_an_object_with_name_requirements_and_plan_is_a_planner(plan):
         (lambda p: prolearn.plot(p).write(5), "path is 5; expected str or PathLike"),
         (lambda p: prolearn.show(p, 5), "name is 5; expected str"),
         (lambda p: prolearn.monte_carlo(p, 1, size=MINUTES), "size is .*; expected a number from"),
-        (lambda p: prolearn.convert(p, "burns", "b", mass=MINUTES), "mass is .*; expected a pos"),
+        (lambda p: prolearn.convert(p, "burns", "b", mass=MINUTES), "mass is .*; expected a num"),
         (lambda p: prolearn.show(p).write(None), "path is None; expected str or PathLike"),
     ],
 )

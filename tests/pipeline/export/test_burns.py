@@ -115,9 +115,12 @@ def test_what_is_not_known_is_empty(made, tmp_path):
 @pytest.mark.parametrize(
     ("masses", "words"),
     [
-        ({"mass": [1.0, 2.0]}, "mass is 1, 2; expected a positive number for all craft, or one"),
+        ({"mass": [1.0, 2.0]}, "mass is 1, 2; expected a number from 1e-12 to 1e.06 for all"),
         ({"mass": -1.0}, "mass is -1;"),
         ({"mass": float("nan")}, "mass is nan;"),
+        ({"mass": 1e300}, r"mass is 1e\+300;"),
+        ({"mass": 1.0, "specific_impulse": 1e308}, r"specific_impulse is 1e\+308;"),
+        ({"mass": 1.0, "specific_impulse": 1e-320}, "specific_impulse is 9.99989e-321;"),
         ({"mass": 1.0, "specific_impulse": 0.0}, "specific_impulse is 0;"),
         ({"mass": None, "specific_impulse": 220.0}, "without mass"),
     ],
