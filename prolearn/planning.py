@@ -99,7 +99,8 @@ def tradeoff(
 
     There are at most ``steps`` times, spread over the range. The number of thrust arcs varies, and
     their length is the scenario's time step. Goals are fixed, or slots that move on along their
-    passive orbits; these they must be about an orbit that is no circle, unless its ends are any.
+    passive orbits. About an orbit that is no circle they must move, unless the scenario's ends
+    are any.
 
     Raises:
         InputError: for a range without a whole number of arcs, and as in ``plan``.
