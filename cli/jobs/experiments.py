@@ -60,12 +60,17 @@ class EvaluatedNetwork:
     model: Model
     version: ModelVersion
     name: str
+    problem: Problem  # of the scenarios, which may be another than the training's
 
     @property
     def evaluated(self) -> EvaluatedPlanner:
-        """The network flown and as predicted, for workers, which need no MLflow."""
+        """The network flown and as predicted, for workers, which need no MLflow.
+
+        InputError where its weights do not fit the problem.
+        """
         planner, of = NetworkPlanner(self.model, self.name), self.version
-        return EvaluatedPlanner(planner, of.recipe, of.training_seed, self.model.predict)
+        predict = self.model.on(self.problem).predict
+        return EvaluatedPlanner(planner, of.recipe, of.training_seed, predict)
 
 
 def networks(
@@ -99,7 +104,7 @@ def networks(
         check_problem(model, manifest.problem, public_url(data))
         if version.arch == REFINER:
             model = replace(model, device=device)
-        found.append(EvaluatedNetwork(model, version, names[version.uri]))
+        found.append(EvaluatedNetwork(model, version, names[version.uri], manifest.problem))
     return found
 
 
@@ -276,7 +281,7 @@ def transfer_times(
         fitting = classical_planners()
         for network in inputs.networks:
             with suppress(InputError):  # its weights are for another T
-                fitting.append(replace(network, model=network.model.on(problem)).evaluated)
+                fitting.append(replace(network, problem=problem).evaluated)
         return fitting
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:

@@ -8,15 +8,21 @@ from typing import Any
 import pandas as pd
 import pytest
 import torch
+from short_transfer import PROBLEM
 
 import cli.jobs.experiments as job
-from cli.settings import Evaluation, TransferTimes
+from cli.settings import Evaluation, TransferTimes, WarmStarts
+from pipeline.dataset.making import sample, solve
+from pipeline.dataset.samples import Sample
 from pipeline.errors import InputError
+from pipeline.expert import Settings
 from pipeline.networks.architecture import find
 from pipeline.networks.encoding import Encoding
 from pipeline.networks.model import Model
 from pipeline.networks.refiner import tensors
 from pipeline.networks.refiner.model import packaged
+from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
 from registry.metrics import model_metric_by_size
@@ -86,6 +92,39 @@ def test_with_a_device_the_refiner_plans_there_and_has_the_rows_of_compiled_code
         numbers.append(table.select_dtypes("number"))
         assert bool(planned) == (one is there)
     pd.testing.assert_frame_equal(*numbers, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        replace(PROBLEM, time_step=150.0, collision_radius=30.0),
+        replace(PROBLEM, nodes=8).about(ReferenceOrbit(7.6e6, 0.1, 63.0)),
+    ],
+    ids=["time step", "orbit"],
+)
+def test_a_refiner_predicts_for_the_data_at_hand_and_not_for_those_of_its_training(
+    recorded: Callable[..., object],
+    trained: Trained,
+    on_solved: DatasetInfo,
+    folder: Path,
+    problem: Problem,
+) -> None:
+    """Its controls obey the dynamics of any orbit, so that both readings differ by rounding."""
+    recorded(replace(trained, model=packaged_weights(trained.model.encoding)), on_solved)
+    small = Sample(count=3, shares=(0.0, 0.0, 1.0))
+    sample(folder / "other", {CRAFT: small}, problem, workers=ALONE)
+    solve(folder / "other", Settings(), workers=ALONE)
+    asked = Evaluation(data=str(folder / "other"), models="refiner", timed=0)
+    rows = table_of(experiment_run(job.evaluate(asked, workers=ALONE).run_id))
+    predicted, flown = (
+        rows[(rows.planner == "refiner") & (rows.reading == reading)]
+        for reading in ("predicted", "flown")
+    )
+    assert predicted.fuel.to_numpy() == pytest.approx(flown.fuel.to_numpy(), rel=1e-6)
+    assert predicted[["boundary_error", "dynamics_error"]].max(axis=None) < 1e-6
+    seeded = WarmStarts(data=str(folder / "other"), models="refiner", sizes=f"{CRAFT}")
+    starts = table_of(experiment_run(job.warmstart(seeded).run_id))
+    assert set(starts.status) == {"solved"}
 
 
 def packaged_weights(encoding: Encoding) -> Model:
