@@ -27,15 +27,18 @@ def _minutes(times: pd.DataFrame) -> "pd.Series[float]":
     return (times["nodes"] - 1) * times["time_step"] / 60
 
 
-def trained_on(times: pd.DataFrame) -> tuple[int, float]:
-    """T and Δt (s) of the training: the T of rows with other Δt, the Δt of those with other T."""
+def grid_of_data(times: pd.DataFrame) -> tuple[int, float]:
+    """T and Δt (s) of the data: the T of rows with other Δt, the Δt of those with other T.
+
+    All networks were trained with these but refiners, which may take part on any data.
+    """
     other_nodes, other_steps = (times[times["varied"] == one] for one in VARIED)
     return int(other_steps["nodes"].iloc[0]), float(other_nodes["time_step"].iloc[0])
 
 
 def rows_varying(summary: pd.DataFrame, varied: str) -> pd.DataFrame:
-    """The rows of other T, or of other Δt, with those of the training's T and Δt."""
-    nodes, time_step = trained_on(summary)
+    """The rows of other T, or of other Δt, with those of the data's T and Δt."""
+    nodes, time_step = grid_of_data(summary)
     home = (summary["nodes"] == nodes) & (summary["time_step"] == time_step)
     mine = summary["varied"] == varied
     return summary[mine] if (home & mine).any() else pd.concat([summary[mine], summary[home]])
@@ -94,7 +97,7 @@ def times_figure(summary: pd.DataFrame, recipe: str, styles: Mapping[str, Style]
     """
     mine = ~summary["planner"].map(is_network) | (summary["recipe"] == recipe)
     shown = summary[mine & (summary["reading"] != PREDICTED)]
-    nodes, time_step = trained_on(summary)
+    nodes, time_step = grid_of_data(summary)
     titles = {NODES: f"other T, Δt = {time_step:g} s", TIME_STEP: f"other Δt, T = {nodes}"}
     grid = [
         [Panel(rows_varying(shown, varied), avg, "" if k else titles[varied]) for varied in VARIED]
@@ -114,13 +117,14 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> Iterator[Finding]:
         return
     trials = averages.prepared(times[times["reading"] != PREDICTED])
     trials = trials.assign(minutes=_minutes(trials))
-    nodes, time_step = trained_on(times)
+    nodes, time_step = grid_of_data(times)
     home = f"transfers of {(nodes - 1) * time_step / 60:g} min"
     for varied, called in zip(VARIED, ("nodes T", "time steps Δt"), strict=True):
         rows = rows_varying(trials, varied).drop_duplicates(
             ["planner", "recipe", "training_seed", "trial", "minutes"]
         )
-        predicate = f"trained for {home} work with other {called}?"
+        work = f"work with other {called}"
+        trained_for = f"trained for {home} {work}?"
         everywhere = rows["minutes"].nunique()
         decoupled = _by_time(rows[rows["planner"] == verdicts.DECOUPLED])
         baseline = f"Decoupled optimum: {_worst(decoupled)}" if decoupled else ""
@@ -136,6 +140,8 @@ def findings(times: pd.DataFrame, training: pd.DataFrame) -> Iterator[Finding]:
             how = ", best on validation of those that fit" if fit else ", the only one that fits"
             numbers = f"{next(iter(at.values())).name}{how if several else ''}: {_worst(at)}"
             verdict = verdicts.where_safe_and_cheap(at)
+            # A refiner may have been trained on another time grid.
+            predicate = f"{work} than the data's?" if name[0] in REFINERS else trained_for
             yield Finding(group.question(predicate), verdict, numbers, baseline)
 
 

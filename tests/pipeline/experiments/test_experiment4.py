@@ -9,12 +9,12 @@ from pipeline.experiments.experiment4 import (
     findings as times_findings,
 )
 from pipeline.experiments.experiment4 import (
+    grid_of_data,
     recipes_of,
     rows_varying,
     summarize_times,
     times_figure,
     times_tables,
-    trained_on,
 )
 from pipeline.figures.style import planner_styles
 from pipeline.report import Results, build_report
@@ -56,8 +56,8 @@ def times(times_at):
     return times_at({10: 1.25, 20: 1.2, 40: 3.5}, {10: 4, 20: 4, 40: 2})
 
 
-def test_the_training_is_where_the_two_ways_meet(times):
-    assert trained_on(times) == (11, 120.0)
+def test_the_grid_of_the_data_is_where_the_two_ways_meet(times):
+    assert grid_of_data(times) == (11, 120.0)
 
 
 def test_planners_keep_the_order_of_the_other_tables_though_some_fit_one_time_alone(times):
@@ -199,3 +199,17 @@ def test_a_transfer_time_is_served_where_plans_are_proven_safe_and_cheap(rows, s
         "at other time steps the better one fits, too"
     )
     assert nodes.baseline.startswith("Decoupled optimum: at worst safe in 50 % ")
+
+
+def test_of_a_refiner_it_is_not_said_for_which_transfer_time_it_was_trained(rows):
+    """It takes part on data of any time grid, whatever that of its training."""
+    times = lstms_at(rows, {10: 100, 20: 100, 40: 100}, CHEAP)
+    times["planner"] = times["planner"].replace("lstm1", "refiner")
+    said = times_findings(
+        times, trained(("ff1", "tuned", 0.9, 1.0), ("refiner", "tuned", 0.9, 1.0))
+    )
+    asked = [one.question for one in said if "refiner" in one.question]
+    assert asked == [
+        "Does the refiner work with other nodes T than the data's?",
+        "Does the refiner work with other time steps Δt than the data's?",
+    ]
