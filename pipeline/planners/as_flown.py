@@ -24,6 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
+from pipeline.orbit.thrust_cost import thrusts
 from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
@@ -275,32 +276,45 @@ def _corrected_controls(
 ) -> Controls:
     """Controls corrected, to first order, for a small miss of goals and waypoints, m and m/s.
 
-    By least squares in the burns that are not at the limit; where those do not suffice, by least
-    fuel or, with limits of each craft, in all intervals with burns allowed.
+    By least squares in the burns that are not at the limit, those of each thruster where thrusters
+    have given directions; where those do not suffice, by least fuel or, with limits of each craft,
+    in all intervals with burns allowed.
     """
-    size, limit = np.abs(controls), problem.max_acceleration
-    free = size > COAST * np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
+    axes, size, limit = np.eye(3), np.abs(controls), problem.max_acceleration
+    if limits is not None and not isinstance(problem.thrust.model, str):
+        axes, size = np.array(problem.thrust.model), thrusts(controls, limits, problem.thrust)
+    largest = size.max(axis=(1, 2), keepdims=True)
+    free = size > COAST * np.maximum(largest, problem.evasive_control)
     if limits is not None:
         most = LIMIT_SHARE**2 * np.stack([limits.component, limits.norm])[..., None, None]
-        free &= limits.burns & (size < most[0]) & (norm(controls)[..., None] < most[1])
+        may_burn = limits.burns.any(axis=2, keepdims=True)
+        free &= may_burn & (size < most[0]) & (norm(controls)[..., None] < most[1])
     elif limit is not None:
         free &= size < limit * LIMIT_SHARE**2
-    added, unable = _least_change(free, miss, at)
+    added, unable = _least_change(free, miss, at, axes)
     if unable.any() and limits is not None:
-        added[unable] = _least_change(limits.burns[unable], miss[unable], at[unable])[0]
+        added[unable] = _least_change(limits.burns[unable], miss[unable], at[unable], np.eye(3))[0]
     elif unable.any() and (optima := minimum_fuel(miss[unable], problem)) is not None:
-        added[unable] = optima.controls.reshape(len(optima.controls), -1)
-    return controls + added.reshape(controls.shape)
+        added[unable] = optima.controls
+    return controls + added
 
 
 def _least_change(
-    free: Bool[Array, "n intervals 3"], miss: Float[Array, "n r"], at: StateConstraints
-) -> tuple[Float[Array, "n m"], CraftMask]:
-    """Least-squares changes of free components, and the craft for which they do not suffice."""
-    columns = (at.weight[:, None] * at.reach) * free.reshape(len(free), 1, -1)
+    free: Bool[Array, "n intervals k"],
+    miss: Float[Array, "n r"],
+    at: StateConstraints,
+    axes: Float[Array, "k 3"],
+) -> tuple[Controls, CraftMask]:
+    """Least-squares changes of controls, and the craft for which they do not suffice.
+
+    Changed are free components along axes, such as directions of thrusters.
+    """
+    along = at.reach.reshape(len(at.reach), -1, 3) @ axes.T
+    columns = (at.weight[:, None] * along.reshape(len(along), -1)) * free.reshape(len(free), 1, -1)
     columns *= at.constrained[..., None]
     wanted = at.weight * miss
     added = np.matvec(np.linalg.pinv(columns, rcond=1e-6), wanted)
     added *= free.reshape(added.shape)  # where it is zero but for rounding
     left = np.abs(wanted - np.matvec(columns, added)).max(axis=1)
-    return added, left > 1e-3 * np.abs(wanted).max(axis=1)
+    unable = left > 1e-3 * np.abs(wanted).max(axis=1)
+    return added.reshape(free.shape) @ axes, unable

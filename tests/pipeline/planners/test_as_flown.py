@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from by_brahe import flown_by_brahe
 from relative import flight, linear_flight, pull, to_lvlh
-from scipy.optimize import linprog
+from scipy.optimize import linprog, nnls
 from trials import wilson
 
 from pipeline.errors import InputError
@@ -460,6 +460,20 @@ def test_what_an_impulse_bit_costs_is_told_of_the_flight_too():
     assert plan.status == SOLVED
     burn = plan.certificate.smallest_burn
     assert burn.fuel_without == linear.certificate.smallest_burn.fuel_without > 0
+
+
+@pytest.mark.parametrize("bit", [0.005, 0.02])
+def test_corrections_fire_no_thrusters_but_those_of_the_plan(monkeypatch, bit):
+    """Others would burn less than the smallest impulse bit. Of the first plan that is made."""
+    monkeypatch.setattr("pipeline.planners.as_flown.MOST_PLANS", 1)
+    axes = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / 3**0.5
+    scenario = swarm("rings", 0.01, n=3)
+    thrust = Thrust(tuple(map(tuple, axes.tolist())), min_delta_v=bit)
+    scenario = replace(scenario, problem=replace(scenario.problem, thrust=thrust))
+    (plan,) = AsFlown(Expert()).plan([scenario])
+    assert plan.status == SOLVED, plan.message
+    fired = np.array([nnls(axes.T, burn)[0] for burn in plan.controls.reshape(-1, 3)])
+    assert 120 * fired[fired > 1e-6 * fired.max()].min() >= bit * (1 - 1e-6)
 
 
 @pytest.mark.parametrize(("e", "step", "nodes"), [(0.01, 120, 11), (0.5, 120, 11), (0.01, 50, 24)])
