@@ -151,7 +151,7 @@ def _planned(planner: Planner, scenarios: Sequence[Scenario]) -> list[Plan]:
     plans = plans_of(planner, lowered)
     for k, (asked, less) in enumerate(zip(scenarios, lowered, strict=True)):
         limited = (asked.problem, asked.craft) != (less.problem, less.craft)
-        if plans[k].status == INFEASIBLE and limited:
+        if plans[k].status in (INFEASIBLE, UNSOLVED) and limited:
             (plans[k],) = plans_of(planner, [asked])
     return plans
 

@@ -32,7 +32,7 @@ from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
 from pipeline.scenario import draw
-from pipeline.scenario.document import read_scenario
+from pipeline.scenario.document import read_scenario, scenario_from
 
 PARTS = 40
 """Looks at each interval: every 3 s."""
@@ -474,6 +474,31 @@ def test_corrections_fire_no_thrusters_but_those_of_the_plan(monkeypatch, bit):
     assert plan.status == SOLVED, plan.message
     fired = np.array([nnls(axes.T, burn)[0] for burn in plan.controls.reshape(-1, 3)])
     assert 120 * fired[fired > 1e-6 * fired.max()].min() >= bit * (1 - 1e-6)
+
+
+def test_a_plan_that_is_only_found_with_all_of_the_limit_is_flown_too():
+    """With a thousandth less no burns large enough are found, which proves nothing."""
+    axes = [*np.eye(3).tolist(), *(-np.eye(3)).tolist(), [3**-0.5] * 3]
+    begin = {"phases_deg": [101.15174], "size": 67.15224, "tilt_deg": -1.34735}
+    begin |= {"cross_phase_deg": 30.0, "offset": 108.24194}
+    end = {"phases_deg": [154.18152], "size": 105.61288, "tilt_deg": 6.72026, "offset": -232.4995}
+    inclined = {"inclination_deg": 148.29214, "argument_of_latitude_deg": 226.41913}
+    fields = {
+        "orbit": {"semi_major_axis": 7878137.0, "raan_deg": 99.67, **inclined},
+        "thrust": axes,
+        "max_acceleration_norm": 2.3478e-4,
+        "min_delta_v": 0.002,
+        "time_step": 463.933,
+        "nodes": 7,
+        "initial": {"rings": [begin]},
+        "goal": {"rings": [end]},
+    }
+    scenario = scenario_from({"schema": "prolearn.scenario/1", **fields}, "")
+    lower = replace(scenario.problem.thrust, max_acceleration_norm=2.3478e-4 * LIMIT_SHARE)
+    eased = replace(scenario, problem=replace(scenario.problem, thrust=lower))
+    before, (plan,) = Expert().plan([eased, scenario]), AsFlown(Expert()).plan([scenario])
+    assert [one.status for one in (*before, plan)] == [UNSOLVED, SOLVED, SOLVED]
+    assert plan.certificate.goal_error < 1e-5
 
 
 @pytest.mark.parametrize(("e", "step", "nodes"), [(0.01, 120, 11), (0.5, 120, 11), (0.01, 50, 24)])
