@@ -12,7 +12,7 @@ from pipeline.errors import InputError, check_choice, check_each, check_kind, li
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
-from pipeline.orbit.partition import SwarmPartition, swarm_partition
+from pipeline.orbit.partition import SwarmPartition, least_of_each, swarm_partition
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import Reference, radius_at
 from pipeline.orbit.thrust import ALONG_AXES, Limits
@@ -134,7 +134,7 @@ class Scenario:
         return self.sized or bool(self.corridors)
 
     def outside(self) -> Iterator[tuple[str, int, int, float]]:
-        """Violations of corridors at the ends: end, craft, corridor, margin (m, at most 0)."""
+        """Violations of corridors at the ends: end, craft, corridor, least margin (m, up to 0)."""
         if not self.corridors:
             return
         faces, last = Faces.of(self.corridors, self.n), self.problem.duration
@@ -144,7 +144,8 @@ class Scenario:
         ):
             there = faces[at]
             margin = there.offset - np.vecdot(there.normal, states[there.craft, :3])
-            for k in np.flatnonzero(margin <= 0).tolist():
+            _, least = least_of_each(margin, there.corridor * self.n + there.craft)
+            for k in least[margin[least] <= 0].tolist():
                 yield end, int(there.craft[k]), int(there.corridor[k]), float(margin[k])
 
     @property

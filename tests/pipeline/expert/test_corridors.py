@@ -161,6 +161,20 @@ def test_ends_outside_are_infeasible_and_the_check_names_them():
     ).fine
 
 
+def test_an_end_outside_several_faces_of_a_corridor_is_one_case_by_the_furthest():
+    """Of a cone behind its apex every side is passed, and beyond a box's corner three faces."""
+    box = replace(BOX, begin=1200.0)
+    asked = replace(approach(1, corridors=(box, replace(CONE, craft=()))), goal=FAR[:1] * -1)
+    asked = replace(asked, goal=asked.goal + np.array([50.0, 0, 31, 0, 0, 0]))
+    (found,) = (one for one in diagnostics(asked) if one.rule == "inside corridors")
+    texts = [case.text for case in found.cases]
+    assert len(texts) == 2
+    assert "goal[0] is 300 m outside corridors[0]" in texts[0]
+    assert "outside corridors[1]" in texts[1]
+    assert found.text.endswith(": 2")
+    assert "is 300 m outside corridors[0]" in planned(asked).message
+
+
 def test_a_corridor_that_asks_for_the_impossible_leaves_no_plan():
     narrow = Corridor(Box((-1.0, -400.0, -1.0), (1.0, -290.0, 1.0)), 0.0, 1080.0)
     asked = replace(approach(1, corridors=(narrow,)), problem=Problem(max_acceleration=1e-3))
