@@ -11,7 +11,7 @@ import pandas as pd
 from cli.jobs.run_tables import add_to_model
 from cli.options import int_list, name_list, numbers
 from cli.settings import Evaluation, ExperimentSettings, Flights, TransferTimes, WarmStarts
-from pipeline.dataset.manifest import Manifest, read_manifest
+from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.reading import solved_scenarios, without_rows
 from pipeline.errors import InputError, check_choice, check_whole
 from pipeline.experiments.example_transfer import example_transfer, write_example
@@ -166,15 +166,22 @@ def held_out(
     sizes: Sequence[int] | None,
     arch: str = "",
     device: str | None = None,
+    circle_only: str = "",
 ) -> HeldOut:
     """The test scenarios of an experiment, of all sizes by default, and its networks.
 
-    Networks are those of ``networks``. InputError for models or sizes that cannot take part.
+    Networks are those of ``networks``. InputError for models or sizes that cannot take part and,
+    if it says why, for scenarios that are not about a circle (``circle_only``).
     """
     data, trials = settings.data, settings.trials
     if trials is not None:
         check_whole("trials", trials, 1, MOST)
     manifest, scenarios = read_manifest(data), {}
+    if circle_only and manifest.problem.orbit is not None:
+        raise InputError(
+            f"the scenarios of {public_url(data)} are about an orbit of their own; expected ones "
+            f"about a circle, since {circle_only}: sample some by --altitude."
+        )
     for n in sizes or sorted(manifest.samples):
         found = solved_scenarios(data, n, "test")
         if not found:
@@ -182,17 +189,6 @@ def held_out(
         scenarios[n] = found[:trials]
     chosen = networks(name_list(settings.models), data, arch, device)
     return HeldOut(settings, manifest.digest(), scenarios, chosen)
-
-
-def about_a_circle(data: Where, why: str) -> Manifest:
-    """The manifest of a dataset; InputError, with the reason, where it is about another orbit."""
-    manifest = read_manifest(data)
-    if manifest.problem.orbit is not None:
-        raise InputError(
-            f"the scenarios of {public_url(data)} are about an orbit of their own; expected ones "
-            f"about a circle, since {why}: sample some by --altitude."
-        )
-    return manifest
 
 
 def check_device(name: str | None, workers: Workers | None) -> None:
@@ -272,8 +268,8 @@ def transfer_times(
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     check_device(settings.device, workers)
-    about_a_circle(settings.data, "about others where goals do not drift depends on the time")
-    inputs = held_out(settings, [settings.n], device=settings.device)
+    why = "about others where goals do not drift depends on the time"
+    inputs = held_out(settings, [settings.n], device=settings.device, circle_only=why)
     scenarios = inputs.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)
 
@@ -309,10 +305,11 @@ def flights(
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
     check_flights(settings.flights, settings.seed)
-    manifest = about_a_circle(settings.data, "flights are about orbits of several eccentricities")
-    inputs = held_out(settings, [settings.n], REFINER)  # the paper's networks read one T alone
+    why = "flights are about orbits of several eccentricities"
+    # A refiner alone, since the paper's networks read one T.
+    inputs = held_out(settings, [settings.n], REFINER, circle_only=why)
     scenarios, larger = inputs.scenarios[settings.n], []
-    if settings.n < LARGEST_SIZE and LARGEST_SIZE in manifest.samples:
+    if settings.n < LARGEST_SIZE and LARGEST_SIZE in read_manifest(settings.data).samples:
         larger = solved_scenarios(settings.data, LARGEST_SIZE, "test")
         larger = larger[: min(MOST_LARGER, settings.trials or MOST_LARGER)]
     baselines = [EvaluatedPlanner(one) for one in BASELINES if one.name in FLOWN_BASELINES]

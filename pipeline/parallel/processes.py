@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from multiprocessing import resource_tracker
+from multiprocessing.util import Finalize
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,6 +21,7 @@ SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
 KEPT, SAME = "what was done is kept", "the same command again (with --resume if it has that)"
 SAFE_PATH = "PYTHONSAFEPATH"  # Python's variable that leaves the current folder out of its path
 PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
+FEEDER_SECONDS = 1.0  # longest that the end of this process waits for a closed queue's thread
 
 
 class WorkersLostError(Exception):
@@ -63,7 +65,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
-    """Hide what joblib and its threads report of cancelled calls where results are given up."""
+    """Hide what joblib, its threads and loky report where results are given up."""
     if kind is None:
         return
     usual = threading.excepthook
@@ -75,6 +77,18 @@ def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
 
     threading.excepthook = hook
     warnings.filterwarnings("ignore", category=UserWarning, module="joblib.parallel")
+    # At exit, after queues (10) are closed and before semaphores (0) are removed
+    Finalize(None, _wait_for_feeders, exitpriority=5)
+
+
+def _wait_for_feeders() -> None:
+    """Wait for threads that feed closed queues, which remove semaphores as they end.
+
+    Cut off between removal and report by the end of this process, they would leave loky to warn.
+    """
+    for thread in threading.enumerate():
+        if thread.name == "QueueFeederThread":
+            thread.join(timeout=FEEDER_SECONDS)
 
 
 @contextmanager

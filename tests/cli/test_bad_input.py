@@ -279,7 +279,11 @@ def test_a_scenario_among_others_that_cannot_be_planned_as_asked_is_named(prolea
     risk = ("--risk", "0.1", "--navigation-sigma", "0.1")
     done = prolearn("plan", "a.json", "b.json", "--out", "plans", *risk)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert done.stderr.startswith("prolearn: b.json: a risk is asked for, and craft have radii")
+    told = "prolearn: 1 of 2 plans was written; b.json: a risk is asked for, and craft have radii"
+    assert done.stderr.startswith(told)
+    assert [path.name for path in (tmp_path / "plans").iterdir()] == ["a.plan.json"]
+    alone = prolearn("plan", "b.json", "--out", "plans", *risk)
+    assert alone.stderr.startswith("prolearn: b.json: a risk is asked for")
 
 
 def test_drift_is_accepted_where_it_is_allowed(prolearn, tmp_path):

@@ -38,20 +38,6 @@ def row_of(name, table):
     return row.removeprefix(name).strip()
 
 
-def test_a_scenario_that_is_refused_after_others_were_planned_is_told_with_what_was_written(
-    prolearn, tmp_path
-):
-    assert not prolearn("scenario", "new", "a.json", "--n", 2).returncode
-    fair = ("--delta-v", 3, "--objective", "fair")
-    assert not prolearn("scenario", "new", "fair.json", "--n", 2, *fair).returncode
-    asked = ("--assignment", "optimal", "--out", "plans")
-    done = prolearn("plan", "a.json", "fair.json", *asked)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("prolearn: 1 of 2 plans was written; fair.json: ")
-    assert [path.name for path in (tmp_path / "plans").iterdir()] == ["a.plan.json"]
-    assert prolearn("plan", "fair.json", *asked).stderr.startswith("prolearn: fair.json: ")
-
-
 @pytest.mark.parametrize("family", ["rings", "coplanar-split", "rotation"])
 def test_the_judge_agrees_with_the_experts_certificate(family, prolearn, tmp_path):
     files = []
