@@ -64,14 +64,14 @@ def nominal_plans(
 
 
 def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
-    """Group scenarios, by index, into batches: with limits of each craft, and without.
+    """Group scenarios, by index, into batches, such that no plan depends on others in its batch.
 
-    With a smallest impulse bit each is a batch, as rounding decides which burns are dropped.
+    With limits of each craft a scenario is a batch, since an interior-point method stops at
+    controls that depend in their last digits on all craft of its program.
     """
-    each: dict[object, list[int]] = {}
+    each: dict[int | None, list[int]] = {}
     for k, scenario in enumerate(scenarios):
-        alone = k if scenario.problem.thrust.min_delta_v is not None else None
-        each.setdefault((alone, scenario.limits is None), []).append(k)
+        each.setdefault(None if scenario.limits is None else k, []).append(k)
     return [*each.values()]
 
 

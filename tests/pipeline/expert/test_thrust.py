@@ -485,3 +485,12 @@ def test_limits_about_the_least_are_answered_without_a_warning():
 def test_directions_that_are_none_are_refused_in_a_sentence(directions, said):
     with pytest.raises(InputError, match=said):
         Thrust(tuple(directions))
+
+
+@pytest.mark.parametrize("thrust", [Thrust("norm"), Thrust(FIVE)])
+def test_a_plan_within_limits_of_each_craft_is_the_same_to_the_bit_alone_and_among_others(thrust):
+    scenarios = [with_thrust(draw("rings", 0, n, 1, Problem()), thrust, limit=0.01) for n in (3, 6)]
+    for scenario, plan in zip(scenarios, solve_many(scenarios), strict=True):
+        alone = solve(scenario)
+        assert np.array_equal(plan.controls, alone.controls)
+        assert plan.certificate == alone.certificate
