@@ -79,8 +79,8 @@ def check_kind(name: str, value: object, kind: Any) -> None:
         raise InputError(f"{name} is {brief(value)}; expected {wanted}.")
 
 
-def listed(values: Any) -> Any:
-    """List of the values of an iterable; what is none, such as an array without axes, unchanged."""
+def list_if_iterable(values: Any) -> Any:
+    """The values of an iterable as a list; anything else, such as a scalar array, unchanged."""
     try:
         each = iter(values)
     except TypeError:
@@ -89,7 +89,7 @@ def listed(values: Any) -> Any:
 
 
 def check_text(name: str, value: Any) -> None:
-    """Refuse what is no text, or not Unicode, which no file can have, by an InputError."""
+    """Raise InputError for a value that is no text, or has lone surrogates, invalid in Unicode."""
     check_kind(name, value, str)
     if any("\ud800" <= one <= "\udfff" for one in value):
         raise InputError(f"{name} is {value!a}; expected text without halves of characters.")

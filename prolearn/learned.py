@@ -10,7 +10,7 @@ from pipeline.errors import (
     check_each,
     check_kind,
     check_whole,
-    listed,
+    list_if_iterable,
     missing_extra_hint,
 )
 from pipeline.scenario import SPLITS
@@ -42,7 +42,7 @@ def read_dataset(
     check_whole("n", n, 1, MOST_CRAFT)
     if isinstance(columns, str):
         raise InputError(f"columns is {columns!r}; expected a list: give [{columns!r}].")
-    wanted = None if columns is None else listed(columns)
+    wanted = None if columns is None else list_if_iterable(columns)
     if wanted is not None:
         check_each("columns", wanted, str)
     for column in wanted or ():

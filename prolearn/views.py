@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
-from pipeline.errors import InputError, check_kind, listed, missing_extra_hint
+from pipeline.errors import InputError, check_kind, list_if_iterable, missing_extra_hint
 from pipeline.figures.labels import label_name
 from pipeline.figures.style import in_style, make_visible, save
 from pipeline.figures.transfer import Example, transfer_figure
@@ -88,7 +88,7 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     """
     if isinstance(what, MonteCarlo):
         return Plot(what.figure())
-    each = listed(what)
+    each = list_if_iterable(what)
     found = each if isinstance(each, list) else [what]
     points = [one for one in found if isinstance(one, Point)]
     plans = [one for one in found if isinstance(one, Plan)]

@@ -170,8 +170,9 @@ def held_out(
 ) -> HeldOut:
     """The test scenarios of an experiment, of all sizes by default, and its networks.
 
-    Networks are those of ``networks``. InputError for models or sizes that cannot take part and,
-    if it says why, for scenarios that are not about a circle (``circle_only``).
+    Networks are those of ``networks``. ``circle_only`` is why scenarios about an orbit that is no
+    circle cannot take part, where that is so. InputError for these, and for models or sizes that
+    cannot.
     """
     data, trials = settings.data, settings.trials
     if trials is not None:
@@ -268,7 +269,7 @@ def transfer_times(
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     check_device(settings.device, workers)
-    why = "about others where goals do not drift depends on the time"
+    why = "about others the states that do not drift depend on the time"
     inputs = held_out(settings, [settings.n], device=settings.device, circle_only=why)
     scenarios = inputs.scenarios[settings.n]
     varied = variations(scenarios[0].problem, nodes, time_steps)

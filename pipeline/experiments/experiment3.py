@@ -119,7 +119,7 @@ def time_ratios(warmstarts: pd.DataFrame) -> pd.DataFrame:
 
 
 def _solved(warmstarts: pd.DataFrame) -> pd.DataFrame:
-    """The runs that found a plan, with log, of their seconds: to give up early saves no time."""
+    """Solved runs, with a column log: the logarithm of their seconds. Others are left out."""
     solved = warmstarts[warmstarts["status"] == SOLVED]
     return solved.assign(log=np.log(solved["seconds"].astype(float)))
 

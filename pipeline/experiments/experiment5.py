@@ -349,7 +349,7 @@ HOLD_AS_FLOWN: Rules = (
     ((False, True, ANY), "At their goals, but not safe"),
     ((False, False, ANY), "No"),
 )
-"""By whether no pair of any plan comes within r_col, all goals are met, and all are solved."""
+"""Verdicts on plans as flown: no pair within r_col, all goals met, all plans solved."""
 
 
 def _as_flown_findings(flights: pd.DataFrame) -> Iterator[Finding]:

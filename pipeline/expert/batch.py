@@ -174,7 +174,7 @@ def _end_collisions(
 
 
 def _state_conflict(scenario: Scenario, collisions: int) -> str:
-    """Why the required states leave no plan, given collisions at the ends, or an empty string."""
+    """Reason why no plan can meet the required states; an empty string where none is known."""
     return _too_close(scenario) if collisions else _outside(scenario) or _meeting(scenario)
 
 

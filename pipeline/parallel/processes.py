@@ -65,7 +65,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 
 def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
-    """Hide what joblib, its threads and loky report where results are given up."""
+    """Suppress tracebacks and warnings of joblib and loky after unfinished results are closed."""
     if kind is None:
         return
     usual = threading.excepthook
@@ -82,9 +82,10 @@ def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
 
 
 def _wait_for_feeders() -> None:
-    """Wait for threads that feed closed queues, which remove semaphores as they end.
+    """Join the threads of closed queues, which unlink semaphores as they end.
 
-    Cut off between removal and report by the end of this process, they would leave loky to warn.
+    Where the process ends between that and its report to loky's resource tracker, the tracker
+    warns of leaked semaphores.
     """
     for thread in threading.enumerate():
         if thread.name == "QueueFeederThread":

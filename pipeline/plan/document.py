@@ -125,7 +125,7 @@ class PlanDocument(Strict):
 
 
 def _leaves(given: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """Scalars in a JSON value, each with its path."""
+    """Leaves of a JSON tree: each scalar with its path."""
     if isinstance(given, dict):
         parts = [(f"{place}.{name}", one) for name, one in given.items()]
     elif isinstance(given, list):

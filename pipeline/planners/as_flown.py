@@ -305,9 +305,9 @@ def _least_change(
     at: StateConstraints,
     axes: Float[Array, "k 3"],
 ) -> tuple[Controls, CraftMask]:
-    """Least-squares changes of controls, and the craft for which they do not suffice.
+    """Minimum-norm control corrections for a miss, and a mask of the craft that keep some of it.
 
-    Changed are free components along axes, such as directions of thrusters.
+    Only free components change, along axes such as directions of thrusters.
     """
     along = at.reach.reshape(len(at.reach), -1, 3) @ axes.T
     columns = (at.weight[:, None] * along.reshape(len(along), -1)) * free.reshape(len(free), 1, -1)

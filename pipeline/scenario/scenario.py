@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipeline.arrays import Array, Float, as_floats
-from pipeline.errors import InputError, check_choice, check_each, check_kind, listed
+from pipeline.errors import InputError, check_choice, check_each, check_kind, list_if_iterable
 from pipeline.orbit.arrays import PerCraft
 from pipeline.orbit.corridors import Corridor, Faces, check_corridors
 from pipeline.orbit.participants import MOST_UNLIKE, Obstacle, Participants, check_obstacles
@@ -238,7 +238,7 @@ def participants(scenarios: Sequence[Scenario]) -> SwarmPartition:
 
 def scenario_list(scenarios: Iterable[Scenario]) -> list[Scenario]:
     """List of the scenarios of an iterable; InputError if it is none, or has anything else."""
-    found = listed(scenarios)
+    found = list_if_iterable(scenarios)
     check_each("scenarios", found, Scenario)
     return found
 

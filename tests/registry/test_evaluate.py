@@ -109,7 +109,7 @@ def test_a_refiner_predicts_for_the_data_at_hand_and_not_for_those_of_its_traini
     folder: Path,
     problem: Problem,
 ) -> None:
-    """Its controls obey the dynamics of any orbit, so that both readings differ by rounding."""
+    """A refiner predicts controls, so predicted and flown rows differ by rounding on any orbit."""
     recorded(replace(trained, model=packaged_weights(trained.model.encoding)), on_solved)
     small = Sample(count=3, shares=(0.0, 0.0, 1.0))
     sample(folder / "other", {CRAFT: small}, problem, workers=ALONE)

@@ -477,7 +477,7 @@ def test_corrections_fire_no_thrusters_but_those_of_the_plan(monkeypatch, bit):
 
 
 def test_a_plan_that_is_only_found_with_all_of_the_limit_is_flown_too():
-    """With a thousandth less no burns large enough are found, which proves nothing."""
+    """Within the lowered limit the search finds no plan, and does not prove that there is none."""
     axes = [*np.eye(3).tolist(), *(-np.eye(3)).tolist(), [3**-0.5] * 3]
     begin = {"phases_deg": [101.15174], "size": 67.15224, "tilt_deg": -1.34735}
     begin |= {"cross_phase_deg": 30.0, "offset": 108.24194}
