@@ -94,20 +94,22 @@ def tradeoff(
     steps: int = 20,
     goal: Goal = "fixed",
     planner: str | Planner = "expert",
+    allow_drift: bool = False,
 ) -> list[Point]:
     """A scenario planned for several transfer times, from the shortest to the longest, s.
 
     There are at most ``steps`` times, spread over the range. The number of thrust arcs varies, and
     their length is the scenario's time step. Goals are fixed, or slots that move on along their
-    passive orbits. About an orbit that is no circle they must move, unless the scenario's ends
-    are any.
+    passive orbits. About an orbit that is no circle they must move, unless they may drift:
+    by ``allow_drift``, as in ``plan``, or where the scenario's ends are any.
 
     Raises:
         InputError: for a range without a whole number of arcs, and as in ``plan``.
     """
-    refuse_formations(scenario)
+    refuse_formations(scenario, allow_drift=allow_drift)
     arcs = arcs_between(shortest, longest, scenario.problem.time_step, steps)
-    return planned_for(scenario, arcs, _planner_from(planner), goal)
+    chosen = _planner_from(planner)
+    return planned_for(scenario, arcs, chosen, goal, allow_drift=allow_drift)
 
 
 def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:

@@ -533,6 +533,16 @@ def test_formations_that_are_too_close_are_refused_by_all_that_plans():
             ask()
 
 
+def test_goals_that_drift_at_other_times_are_traded_off_where_they_may():
+    about = prolearn.Problem().about(prolearn.ReferenceOrbit(7e6, 0.05, 50.0))
+    scenario = prolearn.draw("rings", 5, 3, 0, about, "valid")
+    with pytest.raises(InputError, match=r"allow_drift=True"):
+        prolearn.tradeoff(scenario, 600, 720)
+    for given in ({"allow_drift": True}, {"goal": "moving"}):
+        points = prolearn.tradeoff(scenario, 600, 720, **given)
+        assert [point.plan.status for point in points] == ["solved", "solved"]
+
+
 def test_what_is_printed_is_short_and_says_what_matters(plan):
     assert repr(plan.scenario) == "Scenario(swap, 6 craft, 10 intervals of 120 s)"
     said = repr(plan)
