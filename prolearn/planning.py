@@ -74,15 +74,22 @@ def plan(
     return plans_of(AsFlown(chosen) if world else chosen, [scenario])[0]
 
 
-def plan_all(scenarios: Iterable[Scenario], planner: str | Planner = "expert") -> list[Plan]:
+def plan_all(
+    scenarios: Iterable[Scenario],
+    planner: str | Planner = "expert",
+    *,
+    allow_drift: bool = False,
+) -> list[Plan]:
     """Plans of several scenarios of one problem, in order, far faster than one by one.
+
+    States that drift are refused unless ``allow_drift``, as in ``plan``.
 
     Raises:
         InputError: where problems differ, or sizes for a network, and as in ``plan``.
     """
     scenarios = scenario_list(scenarios)
     for one in scenarios:
-        refuse_formations(one)
+        refuse_formations(one, allow_drift=allow_drift)
     return plans_of(_planner_from(planner), scenarios)
 
 

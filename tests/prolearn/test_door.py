@@ -533,6 +533,14 @@ def test_formations_that_are_too_close_are_refused_by_all_that_plans():
             ask()
 
 
+def test_states_that_drift_are_planned_in_a_list_where_they_may(plan):
+    drifting = replace(plan.scenario, goal=plan.scenario.goal + np.eye(6)[4] / 100)
+    with pytest.raises(InputError, match=r"allow_drift=True"):
+        prolearn.plan_all([drifting])
+    (found,) = prolearn.plan_all([drifting], allow_drift=True)
+    assert found.status == "solved"
+
+
 def test_goals_that_drift_at_other_times_are_traded_off_where_they_may():
     about = prolearn.Problem().about(prolearn.ReferenceOrbit(7e6, 0.05, 50.0))
     scenario = prolearn.draw("rings", 5, 3, 0, about, "valid")
