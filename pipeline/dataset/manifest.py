@@ -230,8 +230,10 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
             "again: shards that are sound are kept."
         )
     what = "is a file" if folder.local and folder.local.is_file() else "does not exist"
-    if folder.is_present():
-        what = "holds no dataset" if folder.names() else "is empty"
+    if folder.names():  # ProlearnError where a server is not reached
+        what = "holds no dataset"
+    elif folder.is_present():
+        what = "is empty"
     raise InputError(
         f"{folder} {what}; expected a dataset folder: make one with "
         f"`prolearn dataset --preset demo --out {as_argument(folder)}`."

@@ -69,6 +69,12 @@ def test_what_is_missing_in_memory_is_said_like_on_disk(in_memory):
     sample(in_memory, {2: Sample(count=1)}, Problem(), workers=ONE)
 
 
+@pytest.mark.parametrize("scheme", ["ftp", "http"])
+def test_a_server_that_is_not_reached_is_not_said_to_lack_a_dataset(scheme):
+    with pytest.raises(ProlearnError, match=rf"^{scheme}://127\.0\.0\.1:1/x is not reached \(.*C"):
+        read_manifest(open_folder(f"{scheme}://127.0.0.1:1/x"))
+
+
 def test_an_s3_url_leads_to_arrow_s_own_filesystem():
     folder = open_folder("s3://bucket/some/n10?region=eu-central-1")
     assert folder.files.base_fs.type_name == "s3"
