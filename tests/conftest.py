@@ -105,6 +105,14 @@ def coarse() -> None:
     RC["savefig.dpi"] = 40
 
 
+@pytest.fixture(scope="session", autouse=True)
+def known_commands() -> None:
+    """Cache of the command line, all of which Typer makes anew at each invocation in a test."""
+    from typer import testing
+
+    vars(testing)["_get_command"] = cache(vars(testing)["_get_command"])
+
+
 @pytest.fixture(scope="session")
 def forked(testrun_uid: str) -> Iterator[Forked]:
     """What runs commands and code in processes of their own, without the imports of each."""
