@@ -7,6 +7,9 @@ from subprocess import CompletedProcess
 
 import pytest
 from forked import Forked
+from typer.testing import CliRunner
+
+from cli.main import app
 
 
 @pytest.fixture
@@ -21,3 +24,27 @@ def prolearn(forked: Forked, tmp_path: Path) -> Callable[..., CompletedProcess[s
         return forked.run([str(one) for one in arguments], tmp_path, given)
 
     return run
+
+
+@pytest.fixture
+def run(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., CompletedProcess[str]]:
+    """Run prolearn as ``prolearn`` does, but in this process.
+
+    This is for what a command says and writes, in which a process of its own has no part. What a
+    library writes past Python's streams counts as well.
+    """
+
+    def command(*arguments: object, **environment: str) -> CompletedProcess[str]:
+        asked = [str(one) for one in arguments]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(tmp_path)
+            for name, value in ({"COLUMNS": "80", "LOKY_MAX_CPU_COUNT": "1"} | environment).items():
+                patch.setenv(name, value)
+            done = CliRunner().invoke(app, asked)
+        if not isinstance(done.exception, SystemExit | None):
+            raise done.exception
+        written = capfd.readouterr()
+        said = done.stdout + written.out, done.stderr + written.err
+        return CompletedProcess(asked, done.exit_code, *said)
+
+    return command

@@ -186,7 +186,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
+def test_bad_input_is_one_sentence_and_exit_status_2(case, run, tmp_path):
     arguments, words = CASES[case]
     (tmp_path / "empty").mkdir()
     (tmp_path / "foreign").mkdir()
@@ -195,7 +195,7 @@ def test_bad_input_is_one_sentence_and_exit_status_2(case, prolearn, tmp_path):
     write_scenario(tmp_path / "good.json", scenario)
     write_plan(tmp_path / "plan.json", solve(scenario))
     before = sorted(tmp_path.rglob("*"))
-    done = prolearn(*arguments)
+    done = run(*arguments)
     assert done.returncode == 2, done.stderr
     assert words in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.stderr
@@ -237,13 +237,11 @@ HOSTILE = {
 
 @pytest.mark.parametrize("case", HOSTILE)
 @pytest.mark.parametrize("command", [("scenario", "check"), ("plan", "--out", "p.json")])
-def test_numbers_without_measure_are_refused_before_they_take_memory(
-    case, command, prolearn, tmp_path
-):
+def test_numbers_without_measure_are_refused_before_they_take_memory(case, command, run, tmp_path):
     fields, words = HOSTILE[case]
     scenario_file(tmp_path / "hostile.json", **fields)
     started = time.monotonic()
-    done = prolearn(*command, "hostile.json")
+    done = run(*command, "hostile.json")
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("prolearn: hostile.json")
     assert words in done.stderr
@@ -261,41 +259,39 @@ SCENARIO_FAULTS = {
 
 
 @pytest.mark.parametrize("fault", SCENARIO_FAULTS)
-def test_a_bad_scenario_among_good_ones_stops_all_before_anything_is_written(
-    fault, prolearn, tmp_path
-):
+def test_a_bad_scenario_among_good_ones_stops_all_before_anything_is_written(fault, run, tmp_path):
     scenario_file(tmp_path / "good.json")
     scenario_file(tmp_path / "bad.json", **SCENARIO_FAULTS[fault])
-    done = prolearn("plan", "good.json", "bad.json", "--out", "plans")
+    done = run("plan", "good.json", "bad.json", "--out", "plans")
     assert done.returncode == 2
     assert done.stderr.startswith("prolearn: bad.json")
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "plans").exists()
 
 
-def test_a_scenario_among_others_that_cannot_be_planned_as_asked_is_named(prolearn, tmp_path):
+def test_a_scenario_among_others_that_cannot_be_planned_as_asked_is_named(run, tmp_path):
     scenario_file(tmp_path / "a.json")
     scenario_file(tmp_path / "b.json", craft=[{"radius": 1.0}] * 3)
     risk = ("--risk", "0.1", "--navigation-sigma", "0.1")
-    done = prolearn("plan", "a.json", "b.json", "--out", "plans", *risk)
+    done = run("plan", "a.json", "b.json", "--out", "plans", *risk)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     told = "prolearn: 1 of 2 plans was written; b.json: a risk is asked for, and craft have radii"
     assert done.stderr.startswith(told)
     assert [path.name for path in (tmp_path / "plans").iterdir()] == ["a.plan.json"]
-    alone = prolearn("plan", "b.json", "--out", "plans", *risk)
+    alone = run("plan", "b.json", "--out", "plans", *risk)
     assert alone.stderr.startswith("prolearn: b.json: a risk is asked for")
 
 
-def test_drift_is_accepted_where_it_is_allowed(prolearn, tmp_path):
+def test_drift_is_accepted_where_it_is_allowed(run, tmp_path):
     scenario_file(tmp_path / "drift.json", **SCENARIO_FAULTS["states that drift"])
-    done = prolearn("plan", "drift.json", "--out", "p.json", "--allow-drift")
+    done = run("plan", "drift.json", "--out", "p.json", "--allow-drift")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "p.json").exists()
 
 
-def test_a_file_that_cannot_be_made_is_said_by_its_own_name(prolearn, tmp_path):
+def test_a_file_that_cannot_be_made_is_said_by_its_own_name(run, tmp_path):
     name = 240 * "x" + ".json"  # with what our temporary file's has besides, too long
-    done = prolearn("scenario", "new", name, "--n", "2")
+    done = run("scenario", "new", name, "--n", "2")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     said = "cannot be read or written (File name too long); expected one that can: name another"
     assert done.stderr.startswith(f"prolearn: {name} {said}")
@@ -339,12 +335,12 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_anything_is_planned
 
 @pytest.mark.parametrize(("one", "other"), [("a", "a"), ("a", "A"), ("\u00e9", "E\u0301")])
 def test_scenarios_whose_plans_some_file_system_would_take_for_one_are_refused(
-    one, other, prolearn, tmp_path
+    one, other, run, tmp_path
 ):
     for folder, name in (("1", one), ("2", other)):
         (tmp_path / folder).mkdir()
         scenario_file(tmp_path / folder / f"{name}.json")
-    done = prolearn("plan", f"1/{one}.json", f"2/{other}.json", "--out", "plans")
+    done = run("plan", f"1/{one}.json", f"2/{other}.json", "--out", "plans")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "differ in case alone; expected different names" in done.stderr
     assert not (tmp_path / "plans").exists()

@@ -24,10 +24,10 @@ REFERENCE = Reference(datetime(2026, 3, 1, tzinfo=UTC), 51.6, 40.0, 10.0)
 
 
 @pytest.fixture
-def flown(prolearn, tmp_path):
+def flown(run, tmp_path):
     """Fly the expert's plan with options."""
     write_plan(tmp_path / "plan.json", solve(SCENARIO))
-    return lambda *options: prolearn("fly", "plan.json", *options)
+    return lambda *options: run("fly", "plan.json", *options)
 
 
 def test_the_table_fits_80_columns_and_says_what_the_document_says(flown):
@@ -57,26 +57,26 @@ def test_defaults_are_those_of_the_conditions(flown):
     assert ReferenceOrbit(**said) == Conditions().orbit(SCENARIO.problem)
 
 
-def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(prolearn, tmp_path):
+def test_the_scenarios_reference_orbit_is_flown_unless_options_say_otherwise(run, tmp_path):
     write_plan(tmp_path / "plan.json", solve(replace(SCENARIO, reference=REFERENCE)))
-    said = json.loads(prolearn("fly", "plan.json", "--raan", "7", "--json").stdout)["conditions"]
+    said = json.loads(run("fly", "plan.json", "--raan", "7", "--json").stdout)["conditions"]
     expected = Conditions(0.001, 51.6, 7.0, 90.0, 10.0).orbit(SCENARIO.problem)
     assert ReferenceOrbit(**said) == expected
 
 
-def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(prolearn, tmp_path):
+def test_a_pair_that_comes_too_close_is_named_and_the_status_is_1(run, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
     draft = Draft(own.controls, float(own.lower_bound.sum()))
     plan = certified_plan("decoupled optimum", SCENARIO, draft)
     i, j = plan.certificate.min_separation_pair
     assert plan.certificate.min_separation < 14
     write_plan(tmp_path / "plan.json", plan)
-    done = prolearn("fly", "plan.json")
+    done = run("fly", "plan.json")
     assert done.returncode == 1
     assert f"Not safe: craft {i} and {j} come within " in done.stdout.replace("\n", " ")
 
 
-def test_two_craft_in_one_place_come_too_close(prolearn, tmp_path):
+def test_two_craft_in_one_place_come_too_close(run, tmp_path):
     """The bound on their separation is 0, which is not none."""
     alone = draw("rings", 0, 1, 0, Problem())
     both = replace(alone, initial=[*alone.initial] * 2, goal=[*alone.goal] * 2)
@@ -84,17 +84,17 @@ def test_two_craft_in_one_place_come_too_close(prolearn, tmp_path):
     draft = Draft(own.controls, float(own.lower_bound.sum()))
     plan = certified_plan("decoupled optimum", both, draft)
     write_plan(tmp_path / "plan.json", plan)
-    done = prolearn("fly", "plan.json")
+    done = run("fly", "plan.json")
     assert done.returncode == 1
     assert "Not safe: craft 0 and 1 come within 0.00 m" in done.stdout.replace("\n", " ")
 
 
-def test_a_craft_alone_is_safe(prolearn, tmp_path):
+def test_a_craft_alone_is_safe(run, tmp_path):
     scenario = draw("rings", 0, 1, 0, Problem())
     write_plan(tmp_path / "plan.json", solve(scenario))
-    done = prolearn("fly", "plan.json")
+    done = run("fly", "plan.json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(prolearn("fly", "plan.json", "--json").stdout)
+    told = json.loads(run("fly", "plan.json", "--json").stdout)
     assert told["safe"] and told["min_separation"] is None
 
 
@@ -137,11 +137,11 @@ def low(document):
         (low, "plan.json: the reference orbit is 133 km high; expected at least 150 km for drag"),
     ],
 )
-def test_a_plan_that_cannot_be_flown_is_answered_in_a_sentence(prolearn, tmp_path, change, words):
+def test_a_plan_that_cannot_be_flown_is_answered_in_a_sentence(run, tmp_path, change, words):
     document = json.loads(json.dumps(plan_document(solve(SCENARIO))))
     change(document)
     (tmp_path / "plan.json").write_text(json.dumps(document))
-    done = prolearn("fly", "plan.json", "--drag", "0.01")
+    done = run("fly", "plan.json", "--drag", "0.01")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert words in done.stderr
 
@@ -151,7 +151,7 @@ def test_a_plan_that_cannot_be_flown_is_answered_in_a_sentence(prolearn, tmp_pat
     "options", [("--eccentricity", "0", "--no-j2"), ("--eccentricity", "0.02")]
 )
 def test_obstacles_and_corridors_are_in_table_and_document_and_decide_the_status(
-    prolearn, tmp_path, radius, options
+    run, tmp_path, radius, options
 ):
     ends = np.array([[[0.0, -200.0, 0, 0, 0, 0]], [[0.0, 200.0, 0, 0, 0, 0]]])
     target = Obstacle("target", (0.0,) * 6, radius=60.0, hold=True)
@@ -161,7 +161,7 @@ def test_obstacles_and_corridors_are_in_table_and_document_and_decide_the_status
     larger = replace(made.scenario, obstacles=(replace(target, radius=radius),))
     write_plan(tmp_path / "plan.json", replace(made, scenario=larger))
     asked = "plan.json", *options, "--passive-safety", "0.1"
-    table, told = prolearn("fly", *asked), prolearn("fly", *asked, "--json")
+    table, told = run("fly", *asked), run("fly", *asked, "--json")
     assert told.stdout, told.stderr
     report = json.loads(told.stdout)
     clear, inside = report["clearance"], report["corridor"]

@@ -87,10 +87,10 @@ def test_three_ways_to_fly_are_in_one_table_that_the_trials_bear_out(flown):
 
 
 def test_without_errors_in_the_linear_world_the_table_has_the_plans_own_numbers(
-    prolearn, plan, tmp_path
+    run, plan, tmp_path
 ):
     exact = ("--errors", "none", "--world", "linear", "--out", "here", "--jobs", "1")
-    done = prolearn("fly", "plan.json", "--trials", "3", *exact)
+    done = run("fly", "plan.json", "--trials", "3", *exact)
     assert done.returncode == 0, done.stderr
     trials = rows(tmp_path / "here", "open loop")
     assert trials["min_separation"].to_numpy() == pytest.approx(
@@ -117,24 +117,24 @@ def test_on_a_terminal_of_80_columns_labels_are_whole(monkeypatch, capsys):
         assert name not in numbers or label.strip() in labels
 
 
-def test_of_one_trial_the_table_says_so(prolearn, plan):
-    done = prolearn("fly", "plan.json", "--trials", "1", "--jobs", "1", "--world", "linear")
+def test_of_one_trial_the_table_says_so(run, plan):
+    done = run("fly", "plan.json", "--trials", "1", "--jobs", "1", "--world", "linear")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("1 trial ")
 
 
-def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(prolearn, plan, tmp_path):
+def test_the_nonlinear_world_leads_elsewhere_and_one_error_can_be_changed(run, plan, tmp_path):
     few = ("fly", "plan.json", "--trials", "3", "--jobs", "1", "--errors", "none")
-    assert prolearn(*few, "--out", "a").returncode == 0
-    assert prolearn(*few, "--error", "missed=1", "--out", "b").returncode == 0
+    assert run(*few, "--out", "a").returncode == 0
+    assert run(*few, "--error", "missed=1", "--out", "b").returncode == 0
     miss = rows(tmp_path / "a", "open loop")["goal_error"]
     assert miss.between(1e-3, 10).all()
     assert (rows(tmp_path / "b", "open loop")["delta_v"] < 1e-12).all()
 
 
-def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(prolearn, plan, tmp_path):
+def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(run, plan, tmp_path):
     lost = ("--replan", "every-node", "--error", "lost=1", "--jobs", "1", "--out", "here")
-    done = prolearn("fly", "plan.json", "--trials", "8", *lost)
+    done = run("fly", "plan.json", "--trials", "8", *lost)
     assert done.returncode == 0, done.stderr
     assert "A craft is lost with probability 1; errors at goals are of others." in done.stdout
     trials = [rows(tmp_path / "here", loop) for loop in LOOPS]
@@ -144,23 +144,23 @@ def test_a_craft_is_lost_in_every_trial_where_that_is_asked_for(prolearn, plan, 
     for column in ("lost_craft", "lost_time"):
         assert trials[0][column].equals(trials[2][column])
     write_plan(tmp_path / "one.json", solve(draw("rings", 0, 1, 0, Problem(), "test")))
-    done = prolearn("fly", "one.json", "--trials", "8", *lost)
+    done = run("fly", "one.json", "--trials", "8", *lost)
     assert done.returncode == 2
     assert "lost is 1 and there is one craft; expected 0" in " ".join(done.stderr.split())
 
 
 @pytest.mark.system
-def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, flown, forked, tmp_path):
+def test_a_killed_command_goes_on_to_the_same_bytes(run, plan, flown, forked, tmp_path):
     asked = ["fly", "plan.json", *TRIALS, "--replan", "every-node", "--out", "killed"]
     with (tmp_path / "said").open("w") as said:
-        run = forked.start(LEAD, tmp_path, said, asked)
+        process = forked.start(LEAD, tmp_path, said, asked)
     killed = tmp_path / "killed"
     end = time.monotonic() + 60
     while not list(killed.glob("loop=*/part-*.parquet")) and time.monotonic() < end:
         time.sleep(0.005)
-    run.kill()
-    assert run.wait() == -signal.SIGKILL
-    done = prolearn(*asked)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    done = run(*asked)
     assert done.returncode == 0, done.stderr
     files = sorted(path.relative_to(killed) for path in killed.glob("loop=*/*"))
     assert len(files) == 3 * 2
@@ -171,7 +171,7 @@ def test_a_killed_command_goes_on_to_the_same_bytes(prolearn, plan, flown, forke
 REPLANNED = ("--trials", "1", "--jobs", "1", "--replan", "every-node", "--json")
 
 
-def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
+def test_a_plan_is_planned_anew_for_what_it_was_asked_for(run, tmp_path):
     """The plan for r_col alone is the cheaper one, and found on the way where no more is asked."""
     scenario = draw("coplanar-split", 0, 5, 3, Problem(), "valid")
     exact, used = (*REPLANNED, "--errors", "none", "--world", "linear", "--sigmas", "0"), []
@@ -180,7 +180,7 @@ def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
         if orbits is None:  # the same controls, of which nothing is said
             safe = replace(safe, certificate=replace(safe.certificate, passive_safety=None))
         write_plan(tmp_path / "plan.json", safe)
-        done = prolearn("fly", "plan.json", *exact, "--out", f"{orbits}")
+        done = run("fly", "plan.json", *exact, "--out", f"{orbits}")
         assert done.returncode == 0, done.stderr
         told = json.loads(done.stdout)
         assert told["requirements"]["passive_safety"] == orbits
@@ -188,16 +188,16 @@ def test_a_plan_is_planned_anew_for_what_it_was_asked_for(prolearn, tmp_path):
     assert used[0] > used[1] + 1e-3
 
 
-def test_a_plan_for_a_risk_is_not_planned_anew(prolearn, tmp_path):
+def test_a_plan_for_a_risk_is_not_planned_anew(run, tmp_path):
     scenario = draw("rings", 0, 3, 0, Problem(), "valid")
     made = within_risk(solve(scenario), Requirements(risk=RiskLimit(0.1, 0.1)))
     write_plan(tmp_path / "plan.json", made)
-    done = prolearn("fly", "plan.json", *REPLANNED)
+    done = run("fly", "plan.json", *REPLANNED)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "risk of at most 0.1 in open loop, which planning anew does not keep" in done.stderr
 
 
-def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn, tmp_path):
+def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(run, tmp_path):
     """Asked for on the command line: the table says what corrections add."""
     scenario = draw("rings", 0, 10, 8, Problem(), "test")
     write_scenario(tmp_path / "s.json", scenario)
@@ -209,17 +209,17 @@ def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn
             "a sigma is given besi",
         ),
     ):
-        done = prolearn("plan", "s.json", "--out", "plan.json", *wrong)
+        done = run("plan", "s.json", "--out", "plan.json", *wrong)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert words in done.stderr
     asked = "--risk", "0.01", "--errors", "cold-gas", "--closed-loop", "--json"
-    (told,) = json.loads(prolearn("plan", "s.json", "--out", "plan.json", *asked).stdout)
+    (told,) = json.loads(run("plan", "s.json", "--out", "plan.json", *asked).stdout)
     assert told["risk"]["bound"] <= 0.01
     assert told["risk"]["feedback"]["delta_v"] > 0
-    refused = prolearn("fly", "plan.json", *REPLANNED)
+    refused = run("fly", "plan.json", *REPLANNED)
     assert refused.returncode == 2
     assert "expected feedback as replan" in refused.stderr
-    flown = prolearn("fly", "plan.json", "--trials", "100", "--replan", "feedback", "--json")
+    flown = run("fly", "plan.json", "--trials", "100", "--replan", "feedback", "--json")
     open_loop, feedback = json.loads(flown.stdout)["loops"]
     assert (open_loop["loop"], feedback["loop"]) == ("open loop", "feedback")
     assert open_loop["within_radius"] > 0.15
@@ -227,9 +227,9 @@ def test_a_plan_made_for_feedback_is_flown_with_it_and_not_planned_anew(prolearn
     assert feedback["goal_error_median"] < open_loop["goal_error_median"] / 5
 
 
-def test_on_a_device_the_table_is_the_same_and_a_folder_is_of_one_device(prolearn, plan, tmp_path):
+def test_on_a_device_the_table_is_the_same_and_a_folder_is_of_one_device(run, plan, tmp_path):
     linear = "fly", "plan.json", *TRIALS, "--world", "linear", "--replan", "feedback", "--json"
-    told = prolearn(*linear), prolearn(*linear, "--device", "cpu", "--out", "there")
+    told = run(*linear), run(*linear, "--device", "cpu", "--out", "there")
     one, other = (json.loads(done.stdout)["loops"] for done in told)
     for here, there in zip(one, other, strict=True):
         assert here.keys() == there.keys()
@@ -237,7 +237,7 @@ def test_on_a_device_the_table_is_the_same_and_a_folder_is_of_one_device(prolear
             number = value is not None and not isinstance(value, str)
             expected = pytest.approx(value, rel=1e-9, abs=1e-12) if number else value
             assert there[name] == expected, name
-    refused = prolearn(*linear, "--out", "there")
+    refused = run(*linear, "--out", "there")
     assert refused.returncode == 2
     assert "was begun with world.device = cpu, now it is None" in refused.stderr
 
@@ -257,27 +257,25 @@ def test_on_a_device_the_table_is_the_same_and_a_folder_is_of_one_device(prolear
         (["--trials", "9", "--replan", "every-node", "--planner", "me"], "planner is 'me'"),
     ],
 )
-def test_bad_input_is_one_sentence_and_nothing_is_written(
-    prolearn, plan, tmp_path, arguments, sentence
-):
+def test_bad_input_is_one_sentence_and_nothing_is_written(run, plan, tmp_path, arguments, sentence):
     if "cuda" in arguments and torch.cuda.is_available():
         pytest.skip("the device is there")
-    done = prolearn("fly", "plan.json", *arguments)
+    done = run("fly", "plan.json", *arguments)
     assert done.returncode == 2
     assert sentence in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
 
 
-def test_radii_obstacles_and_corridors_have_their_rows_and_columns(prolearn, tmp_path):
+def test_radii_obstacles_and_corridors_have_their_rows_and_columns(run, tmp_path):
     scenario = draw("rings", 1, 6, 0, Problem())
     debris = Obstacle("debris", (30.0, -80.0, 20.0, 0.0, -0.0664, 0.01), radius=10.0)
     room = Corridor(Box((-500.0,) * 3, (500.0,) * 3), 0.0, 1200.0)
     made = solve(replace(scenario, obstacles=(debris,), corridors=(room,)))
     write_plan(tmp_path / "plan.json", made)
-    told = prolearn("fly", "plan.json", *TRIALS, "--json")
+    told = run("fly", "plan.json", *TRIALS, "--json")
     assert told.returncode == 0, told.stderr
-    (found,), table = json.loads(told.stdout)["loops"], prolearn("fly", "plan.json", *TRIALS)
+    (found,), table = json.loads(told.stdout)["loops"], run("fly", "plan.json", *TRIALS)
     trials = rows(tmp_path / "plan-flown", "open loop")
     assert found["within_radius"] == pytest.approx((trials["min_clearance"] <= 0).mean())
     assert found["least_clearance"] == trials["min_clearance"].min()
@@ -288,6 +286,6 @@ def test_radii_obstacles_and_corridors_have_their_rows_and_columns(prolearn, tmp
     csv = pd.read_csv(tmp_path / "plan-flown/trials.csv")
     assert csv["least_clearance"][0] == pytest.approx(found["least_clearance"])
     assert csv["outside_corridor_high"][0] == pytest.approx(found["outside_corridor_interval"][1])
-    done = prolearn("fly", "plan.json", *REPLANNED)
+    done = run("fly", "plan.json", *REPLANNED)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "obstacles or corridors, which guidance that plans anew does not know" in done.stderr

@@ -39,12 +39,12 @@ def row_of(name, table):
 
 
 @pytest.mark.parametrize("family", ["rings", "coplanar-split", "rotation"])
-def test_the_judge_agrees_with_the_experts_certificate(family, prolearn, tmp_path):
+def test_the_judge_agrees_with_the_experts_certificate(family, run, tmp_path):
     files = []
     for n in (1, 2, 9):
         files.append(tmp_path / f"{n}.json")
         write_scenario(files[-1], draw(family, 0, n, 0, Problem()))
-    done = prolearn("plan", *files, "--planner", "expert", "--out", "plans")
+    done = run("plan", *files, "--planner", "expert", "--out", "plans")
     assert done.returncode == 0, done.stderr
     for file in files:
         plan = tmp_path / "plans" / f"{file.stem}.plan.json"
@@ -58,31 +58,29 @@ def test_the_judge_agrees_with_the_experts_certificate(family, prolearn, tmp_pat
             assert said["certificate"][name] == pytest.approx(getattr(report, name), rel=1e-6)
 
 
-def test_a_thrust_limit_and_another_grid_are_kept(prolearn, tmp_path):
+def test_a_thrust_limit_and_another_grid_are_kept(run, tmp_path):
     problem = Problem(time_step=200.0, nodes=9, max_acceleration=2e-3)
     write_scenario(tmp_path / "s.json", draw("rings", 1, 6, 0, problem))
-    done = prolearn("plan", "s.json", "--out", "p.json")
+    done = run("plan", "s.json", "--out", "p.json")
     assert done.returncode == 0, done.stderr
     report = judged(tmp_path / "s.json", tmp_path / "p.json")
     assert report.wrong == ()
 
 
-def test_plans_apart_at_the_nodes_pass_the_papers_criterion(prolearn, tmp_path):
+def test_plans_apart_at_the_nodes_pass_the_papers_criterion(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 10, 1, Problem()))
-    prolearn("plan", "s.json", "--out", "p.json", "--separation", "nodes")
+    run("plan", "s.json", "--out", "p.json", "--separation", "nodes")
     report = judged(tmp_path / "s.json", tmp_path / "p.json", at_nodes=True)
     assert report.wrong == ()
     assert report.node_collisions == 0
 
 
-def test_the_packaged_refiner_plans_several_scenarios_and_says_who_made_each_plan(
-    prolearn, tmp_path
-):
+def test_the_packaged_refiner_plans_several_scenarios_and_says_who_made_each_plan(run, tmp_path):
     files = []
     for k in range(4):
         files.append(tmp_path / f"{k}.json")
         write_scenario(files[-1], draw("dense", 0, 10, k, Problem()))
-    done = prolearn("plan", *files, "--planner", "refiner", "--out", "plans")
+    done = run("plan", *files, "--planner", "refiner", "--out", "plans")
     assert done.returncode == 0, done.stderr
     for file in files:
         plan = tmp_path / "plans" / f"{file.stem}.plan.json"
@@ -92,17 +90,17 @@ def test_the_packaged_refiner_plans_several_scenarios_and_says_who_made_each_pla
         assert re.match(rf"{re.escape(planner)} +0\.", row_of(file.stem, done.stdout))
 
 
-def test_an_infeasible_scenario_exits_with_1_and_says_why(prolearn, tmp_path):
+def test_an_infeasible_scenario_exits_with_1_and_says_why(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6)))
-    done = prolearn("plan", "s.json", "--out", "p.json")
+    done = run("plan", "s.json", "--out", "p.json")
     assert done.returncode == 1
     assert "cannot reach its goal within max_acceleration" in done.stdout
     assert json.loads((tmp_path / "p.json").read_text())["status"] == "infeasible"
 
 
-def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
+def test_a_baseline_plans_by_its_name(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
-    done = prolearn("plan", "s.json", "--out", "p.json", "--planner", "minimum-energy")
+    done = run("plan", "s.json", "--out", "p.json", "--planner", "minimum-energy")
     plan = json.loads((tmp_path / "p.json").read_text())
     assert plan["planner"] == "minimum energy"
     gap = plan["certificate"]["optimality_gap"]
@@ -110,10 +108,10 @@ def test_a_baseline_plans_by_its_name(prolearn, tmp_path):
     assert f" {gap:.2%} " in row_of("s", done.stdout)
 
 
-def test_a_file_without_a_suffix_is_no_name_of_a_plan(prolearn, tmp_path):
+def test_a_file_without_a_suffix_is_no_name_of_a_plan(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
     (tmp_path / "taken").write_text("mine")
-    done = prolearn("plan", "s.json", "--out", "taken")
+    done = run("plan", "s.json", "--out", "taken")
     said = "prolearn: --out is the file taken; expected a folder, or a name with .json.\n"
     assert (done.returncode, done.stderr) == (2, said)
 
@@ -128,22 +126,22 @@ def test_a_file_without_a_suffix_is_no_name_of_a_plan(prolearn, tmp_path):
     ],
     ids=" ".join,
 )
-def test_an_option_that_a_planner_has_no_use_for_is_refused(prolearn, tmp_path, options, word):
+def test_an_option_that_a_planner_has_no_use_for_is_refused(run, tmp_path, options, word):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
-    done = prolearn("plan", "s.json", "--out", "p.json", *options)
+    done = run("plan", "s.json", "--out", "p.json", *options)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert word in done.stderr
     assert not (tmp_path / "p.json").exists()
 
 
-def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp_path):
+def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(run, tmp_path):
     """Own optima that pass too close between the nodes, and nowhere at one."""
     scenario = next(
         s for s in (draw("rings", 0, 10, k, Problem()) for k in range(100)) if passes_between(s)
     )
     write_scenario(tmp_path / "s.json", scenario)
     asked = ("plan", "s.json", "--out", "p.json", "--planner", "decoupled-optimum")
-    strict, lax = prolearn(*asked), prolearn(*asked, "--separation", "nodes")
+    strict, lax = run(*asked), run(*asked, "--separation", "nodes")
     assert (strict.returncode, lax.returncode) == (1, 0)
     assert "unsafe by decoupled optimum" in strict.stdout
     assert row_of("s", strict.stdout).startswith("decoupled optimum (unsafe) 0.")
@@ -151,16 +149,16 @@ def test_a_baseline_is_judged_by_the_separation_that_was_asked_for(prolearn, tmp
     assert "unsafe" not in lax.stdout
     report = judged(tmp_path / "s.json", tmp_path / "p.json")
     assert [fault.endswith("between nodes") for fault in report.faults] == [True]
-    assert "apart at the nodes only" in prolearn("convert", "p.json", "--to", "csv").stderr
-    assert prolearn("show", "p.json").stdout == "p.html: 10 craft by decoupled optimum.\n"
+    assert "apart at the nodes only" in run("convert", "p.json", "--to", "csv").stderr
+    assert run("show", "p.json").stdout == "p.html: 10 craft by decoupled optimum.\n"
     assert "<strong>Safe at the nodes</strong>" in (tmp_path / "p.html").read_text()
     exact = ("fly", "p.json", "--eccentricity", "0", "--no-j2")
-    assert (done := prolearn(*exact)).returncode == 0
+    assert (done := run(*exact)).returncode == 0
     assert "at a node, and no more was asked: craft" in done.stdout.replace("\n", " ")
     document = json.loads((tmp_path / "p.json").read_text())
     (tmp_path / "p.json").write_text(json.dumps(document | {"separation": "continuous"}))
-    assert "come within" in prolearn("show", "p.json").stdout
-    assert prolearn(*exact).returncode == 1
+    assert "come within" in run("show", "p.json").stdout
+    assert run(*exact).returncode == 1
 
 
 def passes_between(scenario):
@@ -171,23 +169,23 @@ def passes_between(scenario):
     return len(close.first) > 0 and not node_collisions(states, problem.collision_radius)
 
 
-def test_no_line_shows_a_gap_where_there_is_none(prolearn, tmp_path):
+def test_no_line_shows_a_gap_where_there_is_none(run, tmp_path):
     """No craft can make its transfer, so nothing is known of the least fuel."""
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem(max_acceleration=1e-6)))
-    done = prolearn("plan", "s.json", "--out", "p.json")
+    done = run("plan", "s.json", "--out", "p.json")
     assert "infeasible by expert" in done.stdout
     assert "%" not in done.stdout and " – " in row_of("s", done.stdout)
-    told = json.loads(prolearn("plan", "s.json", "--out", "p.json", "--json").stdout)
+    told = json.loads(run("plan", "s.json", "--out", "p.json", "--json").stdout)
     assert told[0]["optimality_gap"] is None
 
 
-def test_the_table_and_its_json_say_what_the_judge_finds(prolearn, tmp_path):
+def test_the_table_and_its_json_say_what_the_judge_finds(run, tmp_path):
     files = []
     for k in range(3):
         files.append(tmp_path / f"{k}.json")
         write_scenario(files[-1], draw("rings", 5, 10, k, Problem(), "valid"))
     asked = ("plan", *files, "--planner", "decoupled-optimum", "--out", "plans")
-    table, told = prolearn(*asked), prolearn(*asked, "--json")
+    table, told = run(*asked), run(*asked, "--json")
     assert (table.returncode, told.returncode) == (1, 1)
     rows = json.loads(told.stdout)
     assert [row["scenario"] for row in rows] == [str(file) for file in files]
@@ -208,14 +206,14 @@ def test_the_table_and_its_json_say_what_the_judge_finds(prolearn, tmp_path):
     assert {row["status"] for row in rows} == {"unsafe", "solved"}
 
 
-def test_interchangeable_craft_take_the_goals_of_each_other(prolearn, tmp_path):
+def test_interchangeable_craft_take_the_goals_of_each_other(run, tmp_path):
     files = []
     for k, limit in enumerate((None, None, 5e-4)):
         files.append(tmp_path / f"{k}.json")
         problem = Problem(max_acceleration=limit)
         write_scenario(files[-1], draw("rings", 5, 10, 2 * k, problem, "valid"))
     asked = ("plan", *files, "--assignment", "optimal", "--out", "plans")
-    done, told = prolearn(*asked), prolearn(*asked, "--json")
+    done, told = run(*asked), run(*asked, "--json")
     assert done.returncode == 0, done.stderr
     for file, row in zip(files, json.loads(told.stdout), strict=True):
         given = json.loads(file.read_text())
@@ -233,13 +231,13 @@ def test_interchangeable_craft_take_the_goals_of_each_other(prolearn, tmp_path):
 
 
 @pytest.mark.parametrize("planner", ["expert", "refiner"])
-def test_a_risk_that_was_asked_for_is_in_file_table_and_json(planner, prolearn, tmp_path):
+def test_a_risk_that_was_asked_for_is_in_file_table_and_json(planner, run, tmp_path):
     """The second scenario's goals are so close that no other plan than the first is sought."""
     for k, index in enumerate((4, 90)):
         write_scenario(tmp_path / f"{k}.json", draw("rings", 0, 10, index, Problem(), "valid"))
     sigmas = ("--navigation-sigma", "0.2", "--thrust-sigma", "0.01")
     asked = ("plan", "0.json", "1.json", "--planner", planner, "--risk", "1e-3", *sigmas)
-    done, told = prolearn(*asked, "--out", "plans"), prolearn(*asked, "--json", "--out", "plans")
+    done, told = run(*asked, "--out", "plans"), run(*asked, "--json", "--out", "plans")
     assert (done.returncode, told.returncode) == (1, 1)
     rows = json.loads(told.stdout)
     assert [row["status"] for row in rows] == ["solved", "unsolved"]
@@ -260,20 +258,20 @@ def test_a_risk_that_was_asked_for_is_in_file_table_and_json(planner, prolearn, 
     assert "m apart at the goal" in done.stdout
 
 
-def test_a_plan_without_a_risk_says_nothing_of_one(prolearn, tmp_path):
+def test_a_plan_without_a_risk_says_nothing_of_one(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
-    done = prolearn("plan", "s.json", "--out", "p.json")
+    done = run("plan", "s.json", "--out", "p.json")
     assert "risk" not in done.stdout
     assert "risk" not in json.loads((tmp_path / "p.json").read_text())["certificate"]
 
 
-def test_a_plan_with_passive_safety_says_so_and_the_judge_agrees(prolearn, tmp_path):
+def test_a_plan_with_passive_safety_says_so_and_the_judge_agrees(run, tmp_path):
     files = []
     for k in range(3):  # plans of which one has it unasked; the ends of another forbid it
         files.append(tmp_path / f"{k}.json")
         write_scenario(files[-1], draw("rings", 0, 10, k, Problem(), "valid"))
     asked = ("plan", *files, "--passive-safety", "0.5", "--out", "plans")
-    done, told = prolearn(*asked), prolearn(*asked, "--json")
+    done, told = run(*asked), run(*asked, "--json")
     assert (done.returncode, told.returncode) == (1, 1)
     statuses = []
     for file, row in zip(files, json.loads(told.stdout), strict=True):
@@ -296,19 +294,19 @@ def test_a_plan_with_passive_safety_says_so_and_the_judge_agrees(prolearn, tmp_p
     assert sorted(statuses) == ["infeasible", "solved", "solved"]
 
 
-def test_a_plan_without_passive_safety_says_nothing_of_it(prolearn, tmp_path):
+def test_a_plan_without_passive_safety_says_nothing_of_it(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
-    done = prolearn("plan", "s.json", "--out", "p.json", "--json")
+    done = run("plan", "s.json", "--out", "p.json", "--json")
     assert json.loads(done.stdout)[0]["passive_safety"] is None
     assert "passive_safety" not in (tmp_path / "p.json").read_text()
 
 
 @pytest.mark.parametrize("planner", ["refiner", "decoupled-optimum"])
-def test_other_planners_are_held_to_passive_safety(planner, prolearn, tmp_path):
+def test_other_planners_are_held_to_passive_safety(planner, run, tmp_path):
     """The refiner's own plan is taken only where it has it; a baseline's is unsafe without."""
     write_scenario(tmp_path / "s.json", draw("coplanar-split", 0, 6, 1, Problem(), "valid"))
     asked = ("plan", "s.json", "--out", "p.json", "--planner", planner)
-    done = prolearn(*asked, "--passive-safety", "1")
+    done = run(*asked, "--passive-safety", "1")
     report = judged(tmp_path / "s.json", tmp_path / "p.json")
     assert report.false_claims == ()
     adrift = [fault for fault in report.faults if "adrift" in fault]
@@ -330,9 +328,9 @@ def test_other_planners_are_held_to_passive_safety(planner, prolearn, tmp_path):
     ],
     ids=" ".join,
 )
-def test_passive_safety_that_cannot_be_is_refused(prolearn, tmp_path, options, word):
+def test_passive_safety_that_cannot_be_is_refused(run, tmp_path, options, word):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
-    done = prolearn("plan", "s.json", "--out", "p.json", *options)
+    done = run("plan", "s.json", "--out", "p.json", *options)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert word in done.stderr
     assert not (tmp_path / "p.json").exists()
@@ -383,12 +381,12 @@ def on_a_terminal(forked, arguments, folder):
 
 
 def test_on_a_terminal_of_80_columns_those_without_room_follow_in_a_table_below(
-    forked, prolearn, tmp_path
+    forked, run, tmp_path
 ):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 3, 0, Problem()))
     risk = ("--risk", "0.01", "--errors", "cold-gas", "--closed-loop", "--passive-safety", "0.5")
     asked = ("plan", "s.json", "--out", "p.json", *risk, "--assignment", "optimal")
-    elsewhere = prolearn(*asked).stdout.splitlines()
+    elsewhere = run(*asked).stdout.splitlines()
     (whole,) = [line.split() for line in elsewhere if line[:2] == "s "]
     lines = [line.rstrip() for line in on_a_terminal(forked, asked, tmp_path).splitlines()]
     assert max(map(len, lines)) <= 80
@@ -401,31 +399,31 @@ def test_on_a_terminal_of_80_columns_those_without_room_follow_in_a_table_below(
     assert [*shown[:time], *shown[time + 1 :]] == [*whole[:time], *whole[time + 1 :]]
 
 
-def test_a_plan_for_which_the_linear_model_is_far_off_says_by_how_much(prolearn, tmp_path):
+def test_a_plan_for_which_the_linear_model_is_far_off_says_by_how_much(run, tmp_path):
     ring = "craft=2,size={}"
     for name, size in (("near", 200), ("far", 30_000)):
         rings = ("--from", ring.format(size), "--to", ring.format(size / 2))
-        prolearn("scenario", "new", f"{name}.json", *rings)
-    done = prolearn("plan", "near.json", "far.json", "--out", "plans")
+        run("scenario", "new", f"{name}.json", *rings)
+    done = run("plan", "near.json", "far.json", "--out", "plans")
     (said,) = [line for line in done.stdout.splitlines() if "off their goals" in line]
     assert said.startswith("far.json: outside the linear model craft end some ")
     missed = float(re.search(r"some (\S+) m off", said)[1])
-    flown = prolearn("fly", "plans/far.plan.json", "--eccentricity", "0", "--json")
+    flown = run("fly", "plans/far.plan.json", "--eccentricity", "0", "--json")
     assert missed / 4 < json.loads(flown.stdout)["goal_error"] < 4 * missed
 
 
 @pytest.mark.parametrize("limit", [None, 1.2e-3])
 def test_coasts_are_zeros_and_table_file_and_page_have_the_delta_v_of_each_craft(
-    limit, prolearn, tmp_path
+    limit, run, tmp_path
 ):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 10, 0, Problem(max_acceleration=limit)))
-    done = prolearn("plan", "s.json", "--out", "p.json")
+    done = run("plan", "s.json", "--out", "p.json")
     assert judged(tmp_path / "s.json", tmp_path / "p.json").wrong == ()
     controls = np.array(json.loads((tmp_path / "p.json").read_text())["controls"])
     size = np.abs(controls)
     assert (controls == 0).sum() > 200  # of 300: a basic solution has six burns a craft
     assert size[size > 0].min() > 1e-6 * size.max()
-    assert prolearn("show", "p.json").returncode == 0
+    assert run("show", "p.json").returncode == 0
     page = (tmp_path / "p.html").read_text()
     for k, u in enumerate(controls):
         one, two = 120 * np.abs(u).sum(), 120 * np.linalg.norm(u, axis=1).sum()

@@ -60,8 +60,8 @@ def flown(path, air=None, at_nodes=False):
     ],
     ids=lambda one: " ".join(one) if isinstance(one, tuple) else "",
 )
-def test_the_file_alone_is_flown_to_its_goals(prolearn, tmp_path, options, world):
-    done = prolearn("plan", "s.json", "--world", *options, "--out", "p.json")
+def test_the_file_alone_is_flown_to_its_goals(run, tmp_path, options, world):
+    done = run("plan", "s.json", "--world", *options, "--out", "p.json")
     assert (done.returncode, done.stderr) == (0, "")
     document = flown(tmp_path / "p.json")
     assert document["world"] == document["scenario"]["orbit"]
@@ -74,9 +74,9 @@ def test_the_file_alone_is_flown_to_its_goals(prolearn, tmp_path, options, world
     assert document["certificate"]["fuel_lower_bound_proof"].endswith("to first order")
 
 
-def test_nodes_and_drag_are_as_asked_for(prolearn, tmp_path):
+def test_nodes_and_drag_are_as_asked_for(run, tmp_path):
     asked = ("--separation", "nodes", "--drag", "0.05", "--drag-spread", "0.5")
-    done = prolearn("plan", "s.json", "--world", *asked, "--out", "p.json")
+    done = run("plan", "s.json", "--world", *asked, "--out", "p.json")
     assert done.returncode == 0, done.stderr
     about = json.loads((tmp_path / "p.json").read_text())["world"]
     layer = atmosphere_near(about["semi_major_axis"] * (1 - about["eccentricity"]) - R_EARTH)
@@ -85,8 +85,8 @@ def test_nodes_and_drag_are_as_asked_for(prolearn, tmp_path):
     assert document["separation"] == "nodes"
 
 
-def test_a_scenarios_own_orbit_or_reference_is_the_world(prolearn, tmp_path):
-    done = prolearn("plan", "own.json", "s.json", "b.json", "--world", "--out", "plans", "--json")
+def test_a_scenarios_own_orbit_or_reference_is_the_world(run, tmp_path):
+    done = run("plan", "own.json", "s.json", "b.json", "--world", "--out", "plans", "--json")
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)
     assert [row["status"] for row in rows] == ["solved"] * 3
@@ -104,14 +104,14 @@ def test_a_scenarios_own_orbit_or_reference_is_the_world(prolearn, tmp_path):
 
 
 def test_a_scenario_whose_flight_is_refused_is_unsolved_beside_those_that_are_planned(
-    prolearn, tmp_path
+    run, tmp_path
 ):
     """A craft that is 6.5 km/s slower than the reference falls to the Earth."""
     path = tmp_path / "own.json"
     asked = json.loads(path.read_text())
     ends = {"initial": [[0, 0, 0, 0, -6500, 0]], "goal": [[0] * 6]}
     path.write_text(json.dumps({**asked, **ends, "time_step": 2000, "nodes": 3}))
-    done = prolearn("plan", "own.json", "s.json", "--world", "--out", "plans", "--json")
+    done = run("plan", "own.json", "s.json", "--world", "--out", "plans", "--json")
     assert done.returncode == 1, done.stderr
     refused, planned = json.loads(done.stdout)
     assert (refused["status"], planned["status"]) == ("unsolved", "solved")
@@ -122,8 +122,8 @@ def test_a_scenario_whose_flight_is_refused_is_unsolved_beside_those_that_are_pl
     assert not read_plan(tmp_path / "plans" / "own.plan.json").as_flown
 
 
-def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(prolearn):
-    done = prolearn("plan", "s.json", "--world", "--out", "p.json")
+def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(run):
+    done = run("plan", "s.json", "--world", "--out", "p.json")
     assert "The plan is p.json." in done.stdout
     (row,) = [line for line in done.stdout.splitlines() if line.startswith("s ")]
     assert " expert " in row and "%" in row
@@ -149,38 +149,36 @@ def test_the_table_is_that_of_any_plan_and_no_model_error_is_told(prolearn):
     ],
     ids=lambda one: " ".join(one) if isinstance(one, tuple) else "",
 )
-def test_what_has_no_effect_or_no_proof_is_refused_in_a_sentence(
-    prolearn, tmp_path, arguments, words
-):
-    done = prolearn("plan", *arguments, "--out", "out.json" if len(arguments) < 5 else "out")
+def test_what_has_no_effect_or_no_proof_is_refused_in_a_sentence(run, tmp_path, arguments, words):
+    done = run("plan", *arguments, "--out", "out.json" if len(arguments) < 5 else "out")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert words in done.stderr
     assert not any((tmp_path / name).exists() for name in ("out.json", "out"))
 
 
-def test_ends_that_drift_about_the_orbit_are_refused_unless_they_may(prolearn, tmp_path):
+def test_ends_that_drift_about_the_orbit_are_refused_unless_they_may(run, tmp_path):
     document = json.loads((tmp_path / "own.json").read_text())
     del document["ends"]
     (tmp_path / "own.json").write_text(json.dumps(document))
-    done = prolearn("plan", "own.json", "--world", "--out", "p.json")
+    done = run("plan", "own.json", "--world", "--out", "p.json")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert re.search(
         r"own\.json: initial\[\d\] drifts [+-][\d.]+ m along-track .* set vy to", done.stderr
     )
-    assert prolearn("scenario", "check", "own.json").returncode == 1
-    allowed = prolearn("plan", "own.json", "--world", "--allow-drift", "--out", "p.json")
+    assert run("scenario", "check", "own.json").returncode == 1
+    allowed = run("plan", "own.json", "--world", "--allow-drift", "--out", "p.json")
     assert allowed.returncode == 0, allowed.stderr
-    found = json.loads(prolearn("scenario", "check", "own.json", "--json").stdout)
+    found = json.loads(run("scenario", "check", "own.json", "--json").stdout)
     (drifting,) = [
         one for one in found["findings"] if one["rule"] == "energy-matched" and one["end"] == "goal"
     ]
     assert abs(drifting["cases"][0]["numbers"]["drift_per_orbit"]) > 1.0
 
 
-def test_a_plan_that_is_unsafe_in_the_flight_exits_with_1_and_names_the_pair(prolearn, tmp_path):
+def test_a_plan_that_is_unsafe_in_the_flight_exits_with_1_and_names_the_pair(run, tmp_path):
     planner = ("--planner", "decoupled-optimum")
-    done = prolearn("plan", "s.json", "--world", *planner, "--out", "p.json")
+    done = run("plan", "s.json", "--world", *planner, "--out", "p.json")
     assert done.returncode == 1
     document = json.loads((tmp_path / "p.json").read_text())
     assert document["status"] == "unsafe"
@@ -194,34 +192,34 @@ def test_a_plan_that_is_unsafe_in_the_flight_exits_with_1_and_names_the_pair(pro
 
 
 @pytest.mark.parametrize("name", ["s", "own"])
-def test_other_commands_take_the_plan(prolearn, tmp_path, name):
-    assert prolearn("plan", f"{name}.json", "--world", "--out", "p.json").returncode == 0
-    shown = prolearn("show", "p.json")
+def test_other_commands_take_the_plan(run, tmp_path, name):
+    assert run("plan", f"{name}.json", "--world", "--out", "p.json").returncode == 0
+    shown = run("show", "p.json")
     assert (shown.returncode, shown.stdout) == (0, "p.html: 6 craft by expert.\n")
     assert "<strong>Safe</strong>" in (tmp_path / "p.html").read_text()
     assert "Not as claimed" not in (tmp_path / "p.html").read_text()
     for kind in ("csv", "parquet"):
-        done = prolearn("convert", "p.json", "--to", kind)
+        done = run("convert", "p.json", "--to", kind)
         assert (done.returncode, done.stdout) == (0, f"p.{kind}: 6 craft at 11 nodes.\n")
     lines = (tmp_path / "p.csv").read_text().splitlines()
     assert len(lines) == 1 + 6 * 11
 
 
-def test_a_tampered_plan_is_not_shown_as_safe(prolearn, tmp_path):
-    assert prolearn("plan", "own.json", "--world", "--out", "p.json").returncode == 0
+def test_a_tampered_plan_is_not_shown_as_safe(run, tmp_path):
+    assert run("plan", "own.json", "--world", "--out", "p.json").returncode == 0
     document = json.loads((tmp_path / "p.json").read_text())
     document["controls"][2][4][1] += 1e-6
     (tmp_path / "p.json").write_text(json.dumps(document))
-    shown = prolearn("show", "p.json")
+    shown = run("show", "p.json")
     assert "Misses its goal by" in " ".join(shown.stdout.split())
     document["world"]["eccentricity"] = 0.0
     (tmp_path / "p.json").write_text(json.dumps(document))
-    refused = prolearn("show", "p.json")
+    refused = run("show", "p.json")
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "world is another orbit than the scenario's" in refused.stderr
 
 
-def test_waypoints_corridors_and_obstacles_of_a_file_are_kept_in_flight(prolearn, tmp_path):
+def test_waypoints_corridors_and_obstacles_of_a_file_are_kept_in_flight(run, tmp_path):
     own = json.loads((tmp_path / "s.json").read_text())
     fields = {name: own[name] for name in ("schema", "mean_motion", "collision_radius")}
     fields["initial"] = [[0, -300, 0, 0, 0, 0], [0, -400, 0, 0, 0, 0]]
@@ -233,7 +231,7 @@ def test_waypoints_corridors_and_obstacles_of_a_file_are_kept_in_flight(prolearn
     fields["obstacles"] = [{"name": "target", "position": [0, 0, 0], "radius": 20}]
     fields["ends"] = "any"
     (tmp_path / "m.json").write_text(json.dumps(fields))
-    done = prolearn("plan", "m.json", "--world", "--passive-safety", "0.05", "--out", "p.json")
+    done = run("plan", "m.json", "--world", "--passive-safety", "0.05", "--out", "p.json")
     assert done.returncode == 0, done.stdout + done.stderr
     states = file_flown(flown(tmp_path / "p.json"), 24)
     assert np.abs(states[0, 4, -1, :3] - [20, -180, 10]).max() < 1e-5

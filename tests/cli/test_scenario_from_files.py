@@ -17,12 +17,12 @@ CHIEF += ("argument_of_perigee_deg", "argument_of_latitude_deg")
 
 
 @pytest.fixture
-def handed_over(prolearn, tmp_path):
+def handed_over(run, tmp_path):
     """The scenario of a plan as flown, whose ephemerides are in the folder oem."""
-    prolearn("scenario", "new", "s.json", "--n", "3", *WHERE)
-    planned = prolearn("plan", "s.json", "--world", "--eccentricity", "0.01", "--out", "p.json")
+    run("scenario", "new", "s.json", "--n", "3", *WHERE)
+    planned = run("plan", "s.json", "--world", "--eccentricity", "0.01", "--out", "p.json")
     assert planned.returncode == 0, planned.stderr
-    done = prolearn("convert", "p.json", "--to", "oem", "--out", "oem")
+    done = run("convert", "p.json", "--to", "oem", "--out", "oem")
     assert done.returncode == 0, done.stderr
     scenario = json.loads((tmp_path / "p.json").read_text())["scenario"]
     row = ",".join(repr(scenario["orbit"][name]) for name in CHIEF)
@@ -30,9 +30,9 @@ def handed_over(prolearn, tmp_path):
     return scenario
 
 
-def test_a_plan_as_flown_comes_back_and_can_be_planned_again(prolearn, handed_over, tmp_path):
+def test_a_plan_as_flown_comes_back_and_can_be_planned_again(run, handed_over, tmp_path):
     both = ("--initial", "oem", "--goal", "oem", "--chief", "chief.csv")
-    done = prolearn("scenario", "new", "back.json", *both)
+    done = run("scenario", "new", "back.json", *both)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("back.json: 3 craft, 20 min in 10 intervals")
     made = json.loads((tmp_path / "back.json").read_text())
@@ -42,7 +42,7 @@ def test_a_plan_as_flown_comes_back_and_can_be_planned_again(prolearn, handed_ov
     for name in CHIEF:
         assert made["orbit"][name] == pytest.approx(handed_over["orbit"][name], rel=1e-6)
     assert made["reference"]["epoch"] == "2026-03-01T12:00:00Z"
-    assert prolearn("plan", "back.json", "--world", "--out", "q.json").returncode == 0
+    assert run("plan", "back.json", "--world", "--out", "q.json").returncode == 0
     plans = [json.loads((tmp_path / name).read_text()) for name in ("p.json", "q.json")]
     fuel, again = (plan["certificate"]["fuel"] for plan in plans)
     assert again == pytest.approx(fuel, rel=1e-6)
@@ -65,10 +65,10 @@ def test_one_ephemeris_on_standard_input_is_both_ends_and_the_chief(handed_over,
     assert made[0] == made[1]
 
 
-def test_other_nodes_and_forces_are_as_they_are_asked_for(prolearn, handed_over, tmp_path):
+def test_other_nodes_and_forces_are_as_they_are_asked_for(run, handed_over, tmp_path):
     both = ("--initial", "oem", "--goal", "oem", "--time-step", "60", "--nodes", "6")
     more = ("--epoch", "2026-03-01T12:02:00Z", "--no-j2", "--drag", "0.01", "--drag-spread", "0.2")
-    done = prolearn("scenario", "new", "-", *both, *more)
+    done = run("scenario", "new", "-", *both, *more)
     assert done.returncode == 0, done.stderr
     made = json.loads(done.stdout)
     called = scenario_from_files(
@@ -88,7 +88,7 @@ def test_other_nodes_and_forces_are_as_they_are_asked_for(prolearn, handed_over,
     assert np.mean(made["initial"], axis=0) == pytest.approx(np.zeros(6), abs=1e-6)
 
 
-def test_what_does_not_go_together_is_refused_in_a_sentence(prolearn, handed_over, tmp_path):
+def test_what_does_not_go_together_is_refused_in_a_sentence(run, handed_over, tmp_path):
     both = ("--initial", "oem", "--goal", "oem")
     (tmp_path / "bad.oem").write_text("CCSDS_OEM_VERS = 2.0\nTIME\n")
     for options, word in (
@@ -109,7 +109,7 @@ def test_what_does_not_go_together_is_refused_in_a_sentence(prolearn, handed_ove
         ((*both, "--goal", "chief.csv"), "goal reaches 6.69"),
         ((*both, "--chief", "bad.oem"), "bad.oem has the line 'TIME'"),
     ):
-        done = prolearn("scenario", "new", "new.json", *options)
+        done = run("scenario", "new", "new.json", *options)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert word in done.stderr
         assert not (tmp_path / "new.json").exists()

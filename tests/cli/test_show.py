@@ -18,23 +18,23 @@ def document():
     return json.loads(json.dumps(plan_document(solve(SCENARIO))))
 
 
-def test_a_page_is_written_beside_the_plan_or_where_one_says(prolearn, tmp_path):
+def test_a_page_is_written_beside_the_plan_or_where_one_says(run, tmp_path):
     write_plan(tmp_path / "swarm.json", solve(SCENARIO))
-    done = prolearn("show", "swarm.json")
+    done = run("show", "swarm.json")
     assert (done.returncode, done.stdout) == (0, "swarm.html: 10 craft by expert.\n")
-    done = prolearn("show", "swarm.json", "--out", "pages/look.html")
+    done = run("show", "swarm.json", "--out", "pages/look.html")
     assert done.returncode == 0, done.stderr
     pages = [tmp_path / "swarm.html", tmp_path / "pages" / "look.html"]
     assert pages[0].read_bytes() == pages[1].read_bytes()
     assert "Transfer of 10 craft, planned by expert" in pages[0].read_text()
 
 
-def test_an_unsafe_plan_is_shown_and_called_so(prolearn, tmp_path):
+def test_an_unsafe_plan_is_shown_and_called_so(run, tmp_path):
     own = decoupled_optima(SCENARIO.initial, SCENARIO.goal, SCENARIO.problem)
     draft = Draft(own.controls, float(own.lower_bound.sum()))
     plan = certified_plan("decoupled optimum", SCENARIO, draft)
     write_plan(tmp_path / "plan.json", plan)
-    done = prolearn("show", "plan.json")
+    done = run("show", "plan.json")
     i, j = plan.certificate.min_separation_pair
     assert done.returncode == 0
     assert f"unsafe: craft {i} and {j} come within" in done.stdout
@@ -66,11 +66,11 @@ def too_much(document):
     ids=["version 1", "NaN", "overflow", "no states"],
 )
 def test_a_plan_that_cannot_be_shown_is_answered_in_a_sentence(
-    prolearn, tmp_path, document, change, words
+    run, tmp_path, document, change, words
 ):
     change(document)
     (tmp_path / "plan.json").write_text(json.dumps(document))
-    done = prolearn("show", "plan.json")
+    done = run("show", "plan.json")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert words in done.stderr
     assert "plan.json" in done.stderr
@@ -80,11 +80,9 @@ def test_a_plan_that_cannot_be_shown_is_answered_in_a_sentence(
 @pytest.mark.parametrize(
     ("plan", "out"), [("plan.html", None), ("plan.json", "plan.json"), ("plan.json", ".")]
 )
-def test_a_page_never_takes_the_place_of_the_plan_or_a_folder(
-    prolearn, tmp_path, document, plan, out
-):
+def test_a_page_never_takes_the_place_of_the_plan_or_a_folder(run, tmp_path, document, plan, out):
     (tmp_path / plan).write_text(json.dumps(document))
     before = (tmp_path / plan).read_bytes()
-    done = prolearn("show", plan, *(["--out", out] if out else []))
+    done = run("show", plan, *(["--out", out] if out else []))
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert (tmp_path / plan).read_bytes() == before

@@ -26,9 +26,9 @@ def scenario(tmp_path):
 
 
 def test_every_point_has_a_plan_that_the_judge_finds_sound_or_cannot_be_flown(
-    prolearn, scenario, tmp_path
+    run, scenario, tmp_path
 ):
-    done = prolearn("tradeoff", scenario, "--duration", "10..60min", "--steps", 6)
+    done = run("tradeoff", scenario, "--duration", "10..60min", "--steps", 6)
     assert done.returncode == 0, done.stderr
     folder = tmp_path / "s-tradeoff"
     table = pd.read_csv(folder / "tradeoff.csv")
@@ -73,22 +73,22 @@ def test_json_is_all_there_is_on_standard_output(prolearn, scenario):
         assert 0 <= point["optimality_gap"] < 0.05
 
 
-def test_points_have_what_the_page_says_and_plan_has(prolearn, tmp_path):
+def test_points_have_what_the_page_says_and_plan_has(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 0, 2, 0, Problem()))
-    (planned,) = json.loads(prolearn("plan", "s.json", "--out", "p.json", "--json").stdout)
-    traded = json.loads(prolearn("tradeoff", "s.json", "--duration", "20..22min", "--json").stdout)
+    (planned,) = json.loads(run("plan", "s.json", "--out", "p.json", "--json").stdout)
+    traded = json.loads(run("tradeoff", "s.json", "--duration", "20..22min", "--json").stdout)
     page = (Path(__file__).parents[2] / "docs/cli.md").read_text(encoding="utf-8")
     row = page.split("| `prolearn tradeoff` | ")[1].split(" |\n")[0].split("of each ")[1]
     own, besides = (re.findall(r"`(\w+)`", part) for part in row.split("what else `plan` has but"))
     assert set(traded["points"][0]) == {*own, *planned} - {*besides}
 
 
-def test_only_safe_plans_are_files_and_those_of_an_earlier_range_go(prolearn, tmp_path):
+def test_only_safe_plans_are_files_and_those_of_an_earlier_range_go(run, tmp_path):
     write_scenario(tmp_path / "s.json", draw("rings", 5, 10, 0, Problem(), "valid"))
     asked = ("tradeoff", "s.json", "--planner", "decoupled-optimum", "--out", "trade")
     plans = tmp_path / "trade" / "plans"
     for durations in ("42..46min", "44..60min"):
-        done = prolearn(*asked, "--duration", durations)
+        done = run(*asked, "--duration", durations)
         assert done.returncode == 0
         table = pd.read_csv(tmp_path / "trade" / "tradeoff.csv")
         assert {"solved", "unsafe"} == set(table["status"])
@@ -100,14 +100,14 @@ def test_only_safe_plans_are_files_and_those_of_an_earlier_range_go(prolearn, tm
             assert f"{row.duration / 60:.4g} min: unsafe: {pair}" in done.stdout
 
 
-def test_the_tables_columns_are_numbers_and_words_and_those_of_the_page(prolearn, tmp_path):
+def test_the_tables_columns_are_numbers_and_words_and_those_of_the_page(run, tmp_path):
     """Also of a scenario whose plans have margins of obstacles and corridors."""
     scenario = draw("rings", 0, 2, 0, Problem())
     debris = Obstacle("debris", (0.0, 2000.0, 0.0, 0.0, 0.0, 0.0), radius=5.0)
     inside = Corridor(Box((-900.0,) * 3, (900.0,) * 3), 0.0, 1200.0)
     more = replace(scenario, obstacles=(debris,), corridors=(inside,))
     write_scenario(tmp_path / "s.json", more)
-    done = prolearn("tradeoff", "s.json", "--duration", "20..22min", "--steps", 2)
+    done = run("tradeoff", "s.json", "--duration", "20..22min", "--steps", 2)
     assert done.returncode == 0, done.stderr
     text = (tmp_path / "s-tradeoff" / "tradeoff.csv").read_text()
     assert "{" not in text
@@ -117,18 +117,18 @@ def test_the_tables_columns_are_numbers_and_words_and_those_of_the_page(prolearn
     assert set(re.findall(r"`(\w+)`", first)) == set(text.splitlines()[0].split(","))
 
 
-def test_where_no_duration_has_a_safe_plan_the_status_is_1(prolearn, tmp_path):
+def test_where_no_duration_has_a_safe_plan_the_status_is_1(run, tmp_path):
     problem = Problem(max_acceleration=1e-6)
     write_scenario(tmp_path / "s.json", draw("rings", 5, 3, 0, problem, "valid"))
-    done = prolearn("tradeoff", "s.json", "--duration", "10..20min", "--steps", 2)
+    done = run("tradeoff", "s.json", "--duration", "10..20min", "--steps", 2)
     assert done.returncode == 1, done.stderr
     assert "There is no knee" in done.stdout
     assert (tmp_path / "s-tradeoff" / "tradeoff.svg").exists()
 
 
-def test_a_curve_that_is_straight_but_for_its_first_step_has_no_knee(prolearn):
+def test_a_curve_that_is_straight_but_for_its_first_step_has_no_knee(run):
     rings = ("--from", "craft=6,size=200", "--to", "craft=6,size=90,tilt_deg=30")  # README's
-    assert prolearn("scenario", "new", "s.json", *rings).returncode == 0
-    done = prolearn("tradeoff", "s.json", "--duration", "15..40min")
+    assert run("scenario", "new", "s.json", *rings).returncode == 0
+    done = run("tradeoff", "s.json", "--duration", "15..40min")
     assert done.returncode == 0, done.stderr
     assert "There is no knee" in done.stdout
