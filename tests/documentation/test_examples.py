@@ -1,11 +1,12 @@
 """Every scenario file of examples/ is planned, flown and shown, and has its story on the page."""
 
 import json
-import os
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from cli.main import app
 from pipeline.expert import solve
 from pipeline.scenario.document import read_scenario
 
@@ -14,16 +15,17 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.json"))
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
-def test_an_example_is_planned_flown_and_shown(file, forked, tmp_path):
+def test_an_example_is_planned_flown_and_shown(file, tmp_path, monkeypatch):
     """As flown, where it names the orbit and its perturbations; exit status 0 of `fly` says that no
     pair comes too close in the nonlinear flight, nor a craft to an obstacle."""
+    monkeypatch.chdir(tmp_path)
     scenario = json.loads(file.read_text())
     world = ["--world"] if "orbit" in scenario else []
     plan = ["plan", file, "--out", "plan.json", *world]
     for command in [plan, ["fly", "plan.json"], ["show", "plan.json", "--out", "plan.html"]]:
-        done = forked.run([str(word) for word in command], tmp_path, dict(os.environ))
-        assert done.returncode == 0, f"{command}: {done.stdout} {done.stderr}"
-    assert "<h1>Transfer of" in (tmp_path / "plan.html").read_text(encoding="utf-8")
+        done = CliRunner().invoke(app, [str(word) for word in command])
+        assert done.exit_code == 0, f"{command}: {done.output}"
+    assert "<h1>Transfer of" in Path("plan.html").read_text(encoding="utf-8")
 
 
 def test_simbol_x_has_a_bound_within_a_thousandth_of_what_is_published():

@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 from sybil import Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
+from typer.testing import CliRunner
+
+from cli.main import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("tutorial", "engineer", "flight", "researcher", "programmer", "api")
@@ -61,16 +64,19 @@ def test_what_the_readme_shows_in_python_works(tmp_path, monkeypatch):
         example.evaluate()
 
 
-def test_the_swarm_of_the_readme_is_planned_and_flown_line_by_line(forked, tmp_path):
+def test_the_swarm_of_the_readme_is_planned_and_flown_line_by_line(tmp_path, monkeypatch):
     """With a few trials; exit status 1 is that of plans and flights that are not safe."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
     page = (ROOT / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
     section = page.partition("## A swarm of your own")[2].partition("\n## ")[0]
     lines = [line for line in section.splitlines() if line.startswith("prolearn ")]
     assert len(lines) > 15
     for line in lines:
         words = shlex.split(line.replace("--trials 1000", "--trials 2"), comments=True)
-        done = forked.run(words[1:], tmp_path, os.environ | {"LOKY_MAX_CPU_COUNT": "1"})
-        assert done.returncode in (0, 1), f"{line}: {done.stderr}"
+        done = CliRunner().invoke(app, words[1:])
+        assert isinstance(done.exception, SystemExit | None), f"{line}: {done.exception!r}"
+        assert done.exit_code in (0, 1), f"{line}: {done.output}"
 
 
 def test_the_site_is_built_without_a_warning():
