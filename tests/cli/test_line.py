@@ -1,6 +1,7 @@
 """The whole line at the smallest scale: sample, solve, train, evaluate, warm start, report."""
 
 import json
+import shutil
 
 from short_transfer import OPTIONS
 
@@ -9,7 +10,9 @@ from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 
 
-def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, tmp_path):
+def test_the_line_runs_from_scenarios_to_report_and_a_plan(prolearn, migrated, tmp_path):
+    shutil.copy(migrated, tmp_path)
+
     def run(*arguments):
         done = prolearn(*arguments, OMP_NUM_THREADS="1")
         assert done.returncode == 0, done.stderr
