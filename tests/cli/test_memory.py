@@ -41,13 +41,19 @@ app({arguments})
 """With 32 MB left, which is enough to read the plan."""
 
 
+@pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    """A file with a plan of a thousand craft."""
+    path = tmp_path_factory.mktemp("large") / "plan.json"
+    (plan,) = named_planner("minimum-energy").plan([draw("rings", 0, 1000, 0, Problem())])
+    write_plan(path, plan)
+    return path
+
+
 @pytest.mark.skipif(available() is None, reason="the system does not say what is free")
 @pytest.mark.parametrize("command", ["show", "fly"])
-def test_a_plan_that_is_too_large_to_look_at_is_refused_in_a_sentence(command, tmp_path):
-    scenario = draw("rings", 0, 1000, 0, Problem())
-    (plan,) = named_planner("minimum-energy").plan([scenario])
-    write_plan(tmp_path / "plan.json", plan)
-    program = COMMAND.format(arguments=[command, str(tmp_path / "plan.json")])
+def test_a_plan_that_is_too_large_to_look_at_is_refused_in_a_sentence(command, large):
+    program = COMMAND.format(arguments=[command, str(large)])
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 1, done.stderr
     assert "this takes more memory than" in done.stderr and "Traceback" not in done.stderr
