@@ -135,6 +135,7 @@ def rings(light):
 
 SEVERAL = """
 import json, os, sys
+import clarabel, highspy, jinja2, pydantic, scipy.optimize, scipy.sparse
 from cli.main import app
 
 for k, arguments in enumerate(json.loads(sys.argv[1])):
@@ -147,7 +148,10 @@ for k, arguments in enumerate(json.loads(sys.argv[1])):
     sys.argv = ["prolearn", *arguments]
     app()
 """
-"""Runs commands one after the other, each forked from a process that has imported them."""
+"""Runs commands one after the other, each forked from a process that has imported them.
+
+It has also imported what they need of others, which would take most of their time.
+"""
 
 
 @pytest.fixture
