@@ -51,10 +51,10 @@ def test_a_pipe_from_scenario_to_plan_to_page_and_table(forked, tmp_path):
         ),
     ],
 )
-def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn, tmp_path):
+def test_what_standard_output_cannot_take_is_refused(arguments, words, run, prolearn):
     for name in ("s", "t"):
-        prolearn("scenario", "new", f"{name}.json", "--n", "2")
-    prolearn("plan", "s.json", "--out", "p.json")
+        run("scenario", "new", f"{name}.json", "--n", "2")
+    run("plan", "s.json", "--out", "p.json")
     done = prolearn(*arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert words in done.stderr
@@ -62,9 +62,9 @@ def test_what_standard_output_cannot_take_is_refused(arguments, words, prolearn,
 
 @pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
 @pytest.mark.parametrize("options", [("--json",), ()])
-def test_a_full_disk_behind_stdout_is_named(prolearn, tmp_path, options):
+def test_a_full_disk_behind_stdout_is_named(run, tmp_path, options):
     """Of a document, and of a table."""
-    prolearn("scenario", "new", "s.json", "--n", "2")
+    run("scenario", "new", "s.json", "--n", "2")
     code = "from cli.main import app; app()"  # a process whose end is its own
     command = [sys.executable, "-c", code, "plan", "s.json", "--out", "p.json", *options]
     with FULL.open("w") as full:
@@ -97,10 +97,10 @@ def test_a_full_disk_behind_help_is_named(tmp_path, arguments):
         ("stdin", ("scenario", "check", "-")),
     ],
 )
-def test_a_stream_that_is_closed_is_named(stream, arguments, prolearn, forked, tmp_path):
-    prolearn("scenario", "new", "s.json", "--n", "2")
+def test_a_stream_that_is_closed_is_named(stream, arguments, run, forked, tmp_path):
+    run("scenario", "new", "s.json", "--n", "2")
     if arguments[0] == "convert":
-        prolearn("plan", "s.json", "--out", "p.json")
+        run("plan", "s.json", "--out", "p.json")
     code = (
         "import sys\nfrom cli.main import app\n"
         f"kept, sys.{stream} = sys.{stream}, None\n"  # what Python makes of a closed one
@@ -112,7 +112,7 @@ def test_a_stream_that_is_closed_is_named(stream, arguments, prolearn, forked, t
 
 
 def test_where_stdout_is_not_in_utf_8_people_read_on_and_documents_are_as_in_files(
-    forked, prolearn, tmp_path
+    forked, run, tmp_path
 ):
     def latin(*arguments):
         environment = os.environ | {"PYTHONIOENCODING": "latin-1", "COLUMNS": "80"}
@@ -122,18 +122,18 @@ def test_where_stdout_is_not_in_utf_8_people_read_on_and_documents_are_as_in_fil
         assert done.returncode == 0
         return done.stdout
 
-    prolearn("scenario", "new", "s.json", "--n", "2")
+    run("scenario", "new", "s.json", "--n", "2")
     assert "fuel \\u0394v all" in latin("plan", "s.json", "--out", "Δ.json").decode("latin-1")
     (row,) = json.loads(latin("plan", "s.json", "--out", "Δ.json", "--json"))  # bytes: UTF-8
     assert row["plan"] == "Δ.json"
-    prolearn("show", "Δ.json", "--out", "page.html")
+    run("show", "Δ.json", "--out", "page.html")
     assert latin("show", "Δ.json", "--out", "-") == (tmp_path / "page.html").read_bytes()
 
 
 @pytest.mark.system
-def test_who_interrupts_plan_is_told_how_many_plans_there_are(prolearn, forked, tmp_path):
-    prolearn("scenario", "new", "short.json", "--n", "2")
-    prolearn("scenario", "new", "long.json", "--n", "30", "--nodes", "1000")  # half a minute
+def test_who_interrupts_plan_is_told_how_many_plans_there_are(run, forked, tmp_path):
+    run("scenario", "new", "short.json", "--n", "2")
+    run("scenario", "new", "long.json", "--n", "30", "--nodes", "1000")  # half a minute
     command = ["plan", "short.json", "long.json", "--out", "plans"]
     with (tmp_path / "said").open("w") as said:
         process = forked.start(LEAD, tmp_path, said, command)
