@@ -40,8 +40,8 @@ def test_every_command_has_an_example_that_parses(path):
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "prolearn")
-def test_on_80_columns_every_example_is_a_line_of_its_own(path, prolearn):
-    done = prolearn(*path, "--help")
+def test_on_80_columns_every_example_is_a_line_of_its_own(path, run):
+    done = run(*path, "--help")
     assert done.returncode == 0
     shown = [line.strip() for line in done.stdout.splitlines()]
     assert max(map(len, done.stdout.splitlines())) <= 80
