@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import Forked
+from matplotlib.figure import Figure
 from noisy import network
 from short_transfer import PROBLEM
 
@@ -22,6 +23,7 @@ from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
+from pipeline.figures.style import save
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
@@ -34,6 +36,9 @@ from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
+
+SAVE = ("cli.jobs.run_tables.save", "pipeline.report.save", "registry.training.save_figure")
+"""What writes figures, where each is called."""
 
 PLACES = {
     "experiments": "artifact_location",
@@ -65,6 +70,17 @@ def known_schema() -> None:
     from mlflow.store.db import utils
 
     utils._get_latest_schema_revision = cache(utils._get_latest_schema_revision)
+
+
+@pytest.fixture(autouse=True)
+def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files of figures on which nothing is drawn, but in tests marked ``drawn``.
+
+    To lay out and draw all figures of a report takes longer than all else that it needs.
+    """
+    if "drawn" not in request.keywords:
+        for name in SAVE:
+            monkeypatch.setattr(name, lambda _, *files: save(Figure(), *files))
 
 
 @pytest.fixture(scope="session")

@@ -189,6 +189,7 @@ def test_a_damaged_part_is_left_out_of_the_report_with_a_note(
     assert "without checksums" not in text
 
 
+@pytest.mark.drawn
 def test_a_part_with_values_that_make_no_report_is_left_out_with_a_note(
     folder: Path, parts: dict[str, str]
 ) -> None:
@@ -200,6 +201,7 @@ def test_a_part_with_values_that_make_no_report_is_left_out_with_a_note(
     assert parts["Experiment 3, expert"][:12] in text
 
 
+@pytest.mark.drawn
 @pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning:matplotlib")
 def test_an_evaluation_with_values_that_make_no_report_is_refused(folder: Path) -> None:
     nonsense = TRIALS.assign(fuel=[1e308, *TRIALS["fuel"][1:]])

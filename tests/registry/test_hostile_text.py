@@ -133,6 +133,7 @@ class Page(HTMLParser):
         self.text += data
 
 
+@pytest.mark.drawn
 def test_a_report_has_the_text_as_it_is_a_line_for_each_row_and_no_file_but_its_figures(
     written: Written, folder: Path, tmp_path: Path
 ) -> None:

@@ -349,6 +349,7 @@ def test_a_pickled_model_in_place_of_ours_does_not_run_when_we_load_it(
     assert not (folder / "ran").exists()
 
 
+@pytest.mark.drawn
 def test_a_run_keeps_its_learning_curves_as_a_figure(project: Project, folder: Path) -> None:
     project.train(1.0)
     (figure,) = (folder / "mlruns").rglob("figures/learning_curve.png")

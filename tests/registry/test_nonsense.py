@@ -242,6 +242,7 @@ def test_names_of_files_that_lead_elsewhere_are_passed_over(
         assert [path.name for path in paths] == ["example.npz"]
 
 
+@pytest.mark.drawn
 @pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning:matplotlib")
 @pytest.mark.parametrize("value", [float("inf"), 1.7e308, -1.0])
 def test_nonsense_in_everything_that_a_training_run_says_leaves_all_commands_working(
