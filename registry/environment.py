@@ -5,6 +5,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -39,8 +40,12 @@ def with_architectures(decided_by: DecidedBy, names: Iterable[str]) -> DecidedBy
     return parts, (*packages, *code_of_others(names))
 
 
-def environment_tags(decided_by: DecidedBy) -> dict[str, str]:
-    """Versions of what decides a run, platform and, in a git checkout, the commit of the code."""
+@cache
+def environment_tags(decided_by: DecidedBy) -> Mapping[str, str]:
+    """Versions of what decides a run, platform and, in a git checkout, the commit of the code.
+
+    A process finds them once, at its first run, since it goes on with the code that it has.
+    """
     tags = {
         MADE_WITH: json.dumps(dict(made_with(*decided_by)), sort_keys=True),
         **{f"{name}_version": version(name) for name in PACKAGES},

@@ -83,12 +83,11 @@ def record(
     content = {TABLE: table_bytes(table)}
     for path in files.glob("*.npz") if files else ():
         content[f"{FILES}/{path.name}"] = path.read_bytes()
-    tags = environment_tags(made_by)
-    tags |= {DIGEST + name: digest_of(some) for name, some in content.items()}
+    digests = {DIGEST + name: digest_of(some) for name, some in content.items()}
     with opened() as store, scratch_folder() as scratch:
         (scratch / TABLE).parent.mkdir()
         (scratch / TABLE).write_bytes(content[TABLE])
-        tags[SEQUENCE] = _next_number(store, experiment)
+        tags = {**environment_tags(made_by), **digests, SEQUENCE: _next_number(store, experiment)}
         kind = [str(params[KIND])] if KIND in params else []
         name = "-".join([experiment.removeprefix("prolearn-"), *kind])
         with recorded_run(store, experiment, name, tags) as run_id:
