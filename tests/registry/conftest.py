@@ -72,6 +72,22 @@ def known_schema() -> None:
     utils._get_latest_schema_revision = cache(utils._get_latest_schema_revision)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def known_statements() -> None:
+    """SQLAlchemy compiles each statement of MLflow's once for all stores, and not for each anew."""
+    from mlflow.store.db import utils
+
+    create, shared = utils.create_sqlalchemy_engine, dict[str, Any]()
+
+    def created(uri: str) -> Any:
+        engine = create(uri)
+        for name in ("dialect", "_compiled_cache"):  # whose entries are of a dialect
+            setattr(engine, name, shared.setdefault(name, getattr(engine, name)))
+        return engine
+
+    utils.create_sqlalchemy_engine = created
+
+
 @pytest.fixture(autouse=True)
 def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Files of figures on which nothing is drawn, but in tests marked ``drawn``.
