@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blank import leave_blank
 from forked import Forked
-from matplotlib.figure import Figure
 from noisy import network
 from short_transfer import PROBLEM
 
@@ -23,7 +23,6 @@ from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
 from pipeline.dataset.samples import Sample
 from pipeline.expert import Settings
-from pipeline.figures.style import save
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import Recipe
@@ -36,9 +35,6 @@ from registry.store import connect
 from registry.training import DatasetInfo, record_training
 
 CRAFT = 3
-
-SAVE = ("cli.jobs.run_tables.save", "pipeline.report.save", "registry.training.save_figure")
-"""What writes figures, where each is called."""
 
 PLACES = {
     "experiments": "artifact_location",
@@ -90,13 +86,9 @@ def known_statements() -> None:
 
 @pytest.fixture(autouse=True)
 def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files of figures on which nothing is drawn, but in tests marked ``drawn``.
-
-    To lay out and draw all figures of a report takes longer than all else that it needs.
-    """
+    """Figures are blank, but in tests marked ``drawn``."""
     if "drawn" not in request.keywords:
-        for name in SAVE:
-            monkeypatch.setattr(name, lambda _, *files: save(Figure(), *files))
+        leave_blank(monkeypatch)
 
 
 @pytest.fixture(scope="session")

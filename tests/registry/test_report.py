@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from blank import leave_blank
 from typer.testing import CliRunner
 
 from cli.jobs.experiments import evaluate, transfer_times, warmstart
@@ -42,6 +43,7 @@ def place(
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        leave_blank(patch)
         return path, experiments(solved, trained, trained_lstm, recipe)
 
 
@@ -99,13 +101,14 @@ def other_versions(changes: dict[str, dict[str, str]]) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def newest(place: tuple[Path, dict[str, str]]) -> Path:
     """The folder of a report of the newest evaluation, made once."""
-    with inside(place) as folder:
+    with inside(place) as folder, pytest.MonkeyPatch.context() as patch:
+        leave_blank(patch)
         return report(folder / "newest").markdown.parent
 
 
 @pytest.fixture(scope="module")
 def earlier(place: tuple[Path, dict[str, str]]) -> Path:
-    """The folder of a report of the first evaluation, which records a plug-in architecture."""
+    """The folder of a drawn report of the first evaluation, which records a plug-in network."""
     run = place[1]["evaluation"]
     with inside(place) as folder, other_versions({run: {"theirs:networks": "1.2+code.a"}}):
         said = CliRunner().invoke(app, ["report", "--out", "earlier", "--evaluation", run])

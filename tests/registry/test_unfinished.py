@@ -91,11 +91,8 @@ def untimed(run_id: str) -> pd.DataFrame:
             1,
         ),
         ("warmstart", lambda data: WarmStarts(data=data, sizes="3", **(TWO | {"trials": 3})), None),
-        (
-            "flights",
-            lambda data: Flights(data=data, n=3, flights=1, **TWO),
-            1,
-        ),
+        # Without a network, whose flights are long.
+        ("flights", lambda data: Flights(data=data, n=3, flights=1, trials=2), 1),
     ],
 )
 def test_what_was_done_before_a_kill_is_not_done_again(
