@@ -24,10 +24,12 @@ import shutil
 from pathlib import Path
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
+from blank import leave_blank
 from kills import die, kills, run_again
 from cli.jobs.train import train_model, trained_before
 from cli.settings import TrainingSettings
 
+leave_blank()
 data = Path({data!r})
 how = TrainingSettings(data=str(data), n=3, epochs=1, device="cpu")
 
