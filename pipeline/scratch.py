@@ -50,7 +50,8 @@ def clear_dead(folder: Path, prefix: str, clear: Callable[[str], None]) -> None:
     """
     fits = re.compile(rf"{re.escape(prefix)}.{{{TOKEN}}}{re.escape(SUFFIX)}").fullmatch
     with suppress(OSError):
-        for path in sorted(path for path in folder.iterdir() if fits(path.name)):
+        names = filter(fits, (entry.name for entry in os.scandir(folder)))
+        for path in sorted(folder / name for name in names):
             with suppress(*NO_LOCK):
                 if path.lstat().st_uid == os.geteuid():  # others may write to the folder, too
                     with FileLock(path, timeout=0):  # a Timeout is an OSError: its holder lives
