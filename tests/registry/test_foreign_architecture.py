@@ -118,7 +118,7 @@ def test_one_that_learns_without_plans_is_trained_searched_promoted_and_planned_
 ) -> None:
     scenario = draw("rings", seed=5, n=4, index=0, problem=PROBLEM)
     write_scenario(folder / "scenario.json", scenario)
-    data = ["--data", str(solved), "--n", "3", "--epochs", "2"]
+    data = ["--data", str(solved), "--n", "3", "--epochs", "1"]
     said = python(
         COMMANDS,
         json.dumps(
