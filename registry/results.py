@@ -84,10 +84,11 @@ def record(
     for path in files.glob("*.npz") if files else ():
         content[f"{FILES}/{path.name}"] = path.read_bytes()
     digests = {DIGEST + name: digest_of(some) for name, some in content.items()}
+    tags = {**environment_tags(made_by), **digests}
     with opened() as store, scratch_folder() as scratch:
         (scratch / TABLE).parent.mkdir()
         (scratch / TABLE).write_bytes(content[TABLE])
-        tags = {**environment_tags(made_by), **digests, SEQUENCE: _next_number(store, experiment)}
+        tags[SEQUENCE] = _next_number(store, experiment)
         kind = [str(params[KIND])] if KIND in params else []
         name = "-".join([experiment.removeprefix("prolearn-"), *kind])
         with recorded_run(store, experiment, name, tags) as run_id:
