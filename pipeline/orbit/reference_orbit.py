@@ -222,11 +222,11 @@ def _states(orbit: ReferenceOrbit, times: tuple[float, ...]) -> Float[Array, "k 
 
 def _piece(orbit: ReferenceOrbit, start: Float[Array, "6"], half: float) -> Float[Array, "q 6"]:
     """Change of the inertial state in a piece of 2 ``half`` s, by Chebyshev-Picard iteration."""
-    moved, held = np.zeros((POINTS, 6)), orbit.ballistic or 0.0
+    moved, held, integral = np.zeros((POINTS, 6)), orbit.ballistic or 0.0, half * INTEGRAL
     for _ in range(ITERATIONS):
         before = moved[:, :3]
-        faster = half * INTEGRAL @ orbit.acceleration(start + moved, held)
-        further = half * INTEGRAL @ (start[3:] + faster)
+        faster = integral @ orbit.acceleration(start + moved, held)
+        further = integral @ (start[3:] + faster)
         moved = np.concatenate([further, faster], axis=1)
         if np.abs(further - before).max() <= ROUNDING * norm(start[:3]):
             return moved
