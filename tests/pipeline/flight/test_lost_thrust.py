@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from judge.motion import after
+from judge.motion import after, exact_steps
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -53,15 +53,28 @@ def by_exponentials(scenario, controls, craft, time):
     """States (n, looks, 6) under controls that one craft's thrust stops following at a time."""
     problem = scenario.problem
     rate, step = problem.mean_motion, problem.time_step / LOOKS
-    states = [scenario.initial]
-    for k, held in enumerate(np.repeat(controls.swapaxes(0, 1), LOOKS, axis=0)):
-        state = after(rate, step, states[-1], held)
-        burning = min(max(time - k * step, 0.0), step)
-        if burning < step:
-            mine = after(rate, burning, states[-1][craft], held[craft])
-            state[craft] = after(rate, step - burning, mine, np.zeros(3))
-        states.append(state)
-    return np.stack(states, axis=1)
+    looks = step * np.arange(1, LOOKS + 1)
+    free, forced = exact_steps(rate, looks)
+    states = [scenario.initial[:, None]]
+    for k, held in enumerate(controls.swapaxes(0, 1)):
+        start = states[-1][:, -1]
+        flown = np.einsum("lij,nj->nli", free, start) + np.einsum("lij,nj->nli", forced, held)
+        left = time - k * problem.time_step
+        if left < problem.time_step:
+            flown[craft] = adrift(rate, looks, max(left, 0.0), start[craft], held[craft])
+        states.append(flown)
+    return np.concatenate(states, axis=1)
+
+
+def adrift(rate, looks, burning, start, held):
+    """States of a craft that burns for some of the time, at each of some times."""
+    ended, found = after(rate, burning, start, held), []
+    for time in looks:
+        rest = time - burning
+        found.append(
+            after(rate, time, start, held) if rest < 0 else after(rate, rest, ended, 0 * held)
+        )
+    return found
 
 
 def least(states):
