@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
@@ -111,37 +112,56 @@ class Thrusters:
         """Least fuel of craft k, in units, with reach · u = miss; infinite where none does."""
         import cvxpy as cp  # slow to import, and few scenarios need it
 
-        m = reach.shape[1] // 3
-        control, cost, limits = self._control(k, m, unit)
-        arrives = reach @ cp.vec(control, order="C") == miss
-        program = cp.Problem(cp.Minimize(cp.sum(cost)), [arrives, *limits])
+        limits = {"component": self.component[k] / unit, "norm": self.norm[k] / unit}
+        limits = {name: float(one) for name, one in limits.items() if np.isfinite(one)}
+        model = (
+            self.model if isinstance(self.model, str) else tuple(map(tuple, self.model.tolist()))
+        )
+        closed = tuple(np.flatnonzero(~self.open[k]).tolist())
+        program, given = _program(model, reach.shape, closed, tuple(limits))
+        for name, value in {"reach": reach, "miss": miss, **limits}.items():
+            given[name].value = value
+        tolerances = {"tol_gap_rel": 1e-10, "tol_gap_abs": 1e-12, "tol_feas": 1e-10}
         with catch_warnings():  # where so small tolerances are not met, nearly so is enough
             simplefilter("ignore", UserWarning)
-            program.solve(solver=cp.CLARABEL, tol_gap_rel=1e-10, tol_gap_abs=1e-12, tol_feas=1e-10)
+            program.solve(solver=cp.CLARABEL, warm_start=False, **tolerances)
         if program.status in ("infeasible", "infeasible_inaccurate"):
             return np.inf
         if program.value is None:
             raise ArithmeticError(f"Clarabel cannot tell the least fuel: {program.status}")
         return float(program.value)
 
-    def _control(self, k: int, m: int, unit: float) -> tuple[Any, Any, list[Any]]:
-        """Control (m, 3) of craft k and its cost as expressions, and what limits it."""
-        import cvxpy as cp
 
-        limits: list[Any] = []
-        if isinstance(self.model, str):
-            control = cp.Variable((m, 3))
-            cost = cp.norm(control, 1 if self.model == "components" else 2, axis=1)
-            thrust = cp.abs(control)
-        else:
-            thrust = cp.Variable((m, len(self.model)), nonneg=True)
-            control, cost = thrust @ self.model, cp.sum(thrust, axis=1)
-        if np.isfinite(self.component[k]):
-            limits.append(thrust <= self.component[k] / unit)
-        if np.isfinite(self.norm[k]):
-            limits.append(cp.norm(control, 2, axis=1) <= self.norm[k] / unit)
-        limits += [thrust[t] <= 0 for t in np.flatnonzero(~self.open[k])]
-        return control, cost, limits
+@cache
+def _program(
+    model: str | tuple[tuple[float, ...], ...],
+    shape: tuple[int, int],
+    closed: tuple[int, ...],
+    limited: tuple[str, ...],
+) -> tuple[Any, dict[str, Any]]:
+    """The program for the least fuel of a craft, and its parameters: cvxpy takes long to make it.
+
+    It may not burn in intervals that are closed; limits of component and norm are named if any.
+    """
+    import cvxpy as cp
+
+    m = shape[1] // 3
+    given = {"reach": cp.Parameter(shape), "miss": cp.Parameter(shape[0])}
+    given |= {name: cp.Parameter(nonneg=True) for name in limited}
+    if isinstance(model, str):
+        control = cp.Variable((m, 3))
+        cost = cp.norm(control, 1 if model == "components" else 2, axis=1)
+        thrust = cp.abs(control)
+    else:
+        thrust = cp.Variable((m, len(model)), nonneg=True)
+        control, cost = thrust @ np.array(model), cp.sum(thrust, axis=1)
+    limits = [given["reach"] @ cp.vec(control, order="C") == given["miss"]]
+    if "component" in limited:
+        limits.append(thrust <= given["component"])
+    if "norm" in limited:
+        limits.append(cp.norm(control, 2, axis=1) <= given["norm"])
+    limits += [thrust[t] <= 0 for t in closed]
+    return cp.Problem(cp.Minimize(cp.sum(cost)), limits), given
 
 
 def _least_sums(wanted: np.ndarray, model: np.ndarray, most: np.ndarray) -> np.ndarray:
