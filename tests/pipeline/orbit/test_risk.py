@@ -131,7 +131,7 @@ def test_the_bound_is_between_collisions_and_passages_in_trials():
     passages, collisions = [], []
     for seed in range(parts):  # as many trials as a processor holds
         ends = scenario.initial, plan.controls
-        flown = list(pairs_flown(case, *ends, errors, trials, seed, within=60.0))
+        flown = list(pairs_flown(case, *ends, errors, trials, seed, within=30.0))
         passages.extend(sum(pair.passages(case.radius) for pair in flown))
         collisions.extend(sum(pair.least() < case.radius for pair in flown))
     passages, collisions = np.array(passages), np.array(collisions)
