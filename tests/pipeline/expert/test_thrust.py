@@ -28,6 +28,8 @@ from pipeline.scenario.waypoint import Waypoint
 
 SWARM = draw("rings", 0, 5, 3, Problem())
 ONE = replace(SWARM, initial=SWARM.initial[:1], goal=SWARM.goal[:1])
+FEW = replace(ONE, problem=Problem(time_step=200.0, nodes=7))
+"""With fewer and larger burns, for which mixed-integer programs take less long."""
 NAMES = ("components", "norm", "five", "axes")
 WINDOW = ((300.0, 500.0),)
 
@@ -173,13 +175,13 @@ def maps(scenario):
 @pytest.mark.parametrize("model", ["components", FIVE, AXES], ids=["components", "five", "axes"])
 @pytest.mark.parametrize("bit", [0.002, 0.02, 0.08])
 def test_impulse_bits_of_one_craft_cost_what_a_mixed_integer_program_says(model, bit):
-    scenario = with_thrust(ONE, Thrust(model, min_delta_v=bit), limit=0.03)
+    scenario = with_thrust(FEW, Thrust(model, min_delta_v=bit), limit=0.03)
     plan = solve(scenario)
     assert plan.status == SOLVED, plan.message
     assert judged(scenario, plan).wrong == ()
     assert plan.certificate.fuel <= (1 + 2e-3) * least_with_bit(scenario, bit)
     assert plan.certificate.smallest_burn.fuel_without == pytest.approx(
-        least(with_thrust(ONE, Thrust(model), limit=0.03))[0], rel=1e-6
+        least(with_thrust(FEW, Thrust(model), limit=0.03))[0], rel=1e-6
     )
 
 
@@ -191,9 +193,9 @@ def test_impulse_bits_beside_a_limit_on_the_norm_cost_little_more_than_the_least
     Planes that touch the sphere in 200 points give the least fuel, and others slightly inside it
     the plan.
     """
-    bit, free = 0.02, solve(with_thrust(ONE, Thrust(model, min_delta_v=0.02), limit=0.03))
+    bit, free = 0.02, solve(with_thrust(FEW, Thrust(model, min_delta_v=0.02), limit=0.03))
     most = share * float(np.linalg.norm(free.controls, axis=2).max())
-    scenario = with_thrust(ONE, Thrust(model, most, bit), limit=0.03)
+    scenario = with_thrust(FEW, Thrust(model, most, bit), limit=0.03)
     plan = solve(scenario)
     assert plan.status == SOLVED, plan.message
     assert judged(scenario, plan).wrong == ()
