@@ -140,7 +140,8 @@ def _hits(
     growth = np.linalg.norm(flow.reshape(-1, 3, 3, 3).swapaxes(1, 2), ord=2, axis=(-2, -1))
     off = errors @ growth.T  # (n, T-1, times)
     i, j = np.triu_indices(len(plan), 1)
-    near = np.linalg.norm(tracks[i] - tracks[j], axis=-1) < problem.radius + off[i] + off[j]
+    gap = tracks[i] - tracks[j]
+    near = np.sqrt(np.vecdot(gap, gap)) < problem.radius + off[i] + off[j]
     hit = np.zeros(len(flown), dtype=bool)
     for pair, k in np.argwhere(near.any(axis=-1)):
         apart = flown[:, i[pair], k] - flown[:, j[pair], k]
@@ -199,7 +200,7 @@ def wilson(hits: int, trials: int, z: float = 3.3) -> tuple[float, float]:
 def positions(problem: Case, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
     """Positions at PIECES times an interval, and the last."""
     flow = _flow(problem, np.arange(1, PIECES + 1)).reshape(-1, 9)
-    inside = np.concatenate([states[:, :-1], controls], axis=2) @ flow.T
+    inside = np.concatenate([states[:, :-1], controls], axis=2).reshape(-1, 9) @ flow.T
     return np.concatenate([states[:, :1, :3], inside.reshape(len(states), -1, 3)], axis=1)
 
 

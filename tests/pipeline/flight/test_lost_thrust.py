@@ -78,8 +78,8 @@ def adrift(rate, looks, burning, start, held):
 
 
 def least(states):
-    apart = [np.linalg.norm((a - b)[:, :3], axis=1) for a, b in combinations(states, 2)]
-    return float(np.min(apart))
+    gaps = [(a - b)[:, :3] for a, b in combinations(states, 2)]
+    return float(np.sqrt(min(np.vecdot(gap, gap).min() for gap in gaps)))
 
 
 def burnt(scenario, controls, craft, time):
