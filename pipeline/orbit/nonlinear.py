@@ -235,7 +235,7 @@ def _window(
     for _ in range(chebyshev.ITERATIONS):
         added = _added(arcs, _remainder(arcs, orbit, flown, ballistics))
         before, flown = flown, linear + added
-        change = float(np.abs(flown - before)[..., :3].max())
+        change = float(np.abs(flown[..., :3] - before[..., :3]).max())
         if change <= enough:
             return flown
         if not np.isfinite(change):
