@@ -7,6 +7,7 @@ Where they share its storage (``Workers.shared``), they read and write shards th
 """
 
 import functools
+import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from importlib.metadata import PackageNotFoundError
 from typing import TypeVar
 
 import joblib
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from pipeline.errors import InputError, ProlearnError, check_range
 from pipeline.parallel.cluster import cluster
@@ -88,7 +89,7 @@ class Workers:
         """Results by the tasks' numbers, until all are there or workers are lost."""
         jobs = joblib.effective_n_jobs(self.jobs)
         if self.scheduler is None and (jobs == 1 or (len(tasks) == 1 and not retrying)):
-            with threadpool_limits(1):
+            with _thread_pools(len(sys.modules)).limit(limits=1):
                 for number, task in tasks.items():
                     yield number, function(task, load(task))
             return
@@ -101,6 +102,12 @@ class Workers:
             return
         with cluster(self.scheduler, self.scheduler_wait, retrying, progress) as workers:
             yield from workers.results(calls)
+
+
+@functools.lru_cache(maxsize=1)
+def _thread_pools(_modules: int) -> ThreadpoolController:
+    """Those of the libraries of this process, sought again once it has imported more modules."""
+    return ThreadpoolController()
 
 
 def _loaded(load: Callable[[Task], Content], task: Task) -> Content | Exception:
