@@ -20,7 +20,7 @@ pytestmark = pytest.mark.system
 SCRIPT = """
 import sys
 from pathlib import Path
-from kills import die_at_flush, kills, run_again
+from kills import die_at_flush, kills
 from pipeline.dataset.samples import Sample
 from pipeline.dataset.making import sample
 from pipeline.dataset.making import solve
@@ -41,7 +41,7 @@ def killed(step):
 
 make(root / "undisturbed")
 for step in kills(killed):
-    run_again(lambda: make(root / f"{step:03d}"))
+    make(root / f"{step:03d}")
 print(step + 1)
 """
 
@@ -101,7 +101,7 @@ def busy(tmp_path):
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path / "busy"
-    sample(folder, {6: Sample(count=120, shard_rows=2)}, Problem(), workers=Workers(1))
+    sample(folder, {6: Sample(count=60, shard_rows=2)}, Problem(), workers=Workers(1))
     return folder
 
 
@@ -145,7 +145,7 @@ def drawn(tmp_path_factory):
     from pipeline.orbit.problem import Problem
 
     folder = tmp_path_factory.mktemp("drawn") / "weighty"
-    sample(folder, {30: Sample(count=320, shard_rows=80)}, Problem(), workers=Workers(1))
+    sample(folder, {30: Sample(count=160, shard_rows=80)}, Problem(), workers=Workers(1))
     assert (folder / "_scenarios/n=30/part-00000.parquet").stat().st_size > 2**17
     return folder
 
