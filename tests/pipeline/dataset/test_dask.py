@@ -418,6 +418,8 @@ def test_the_commands_for_a_cluster_in_the_documentation_make_a_dataset_in_a_buc
     scheduler, worker, make = (shlex.split(line, comments=True) for line in block.splitlines())
     assert scheduler == ["dask", "scheduler"]  # as the one that runs
     assert worker[:2] == ["dask", "worker"]
+    # Forked from what has imported everything, as all else here, not started by an interpreter.
+    monkeypatch.setenv("DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD", "fork")
     cluster.start("dask_worker", *worker[2:], "--local-directory", str(tmp_path / "scratch"))
     cluster.await_workers(2)
     tiny = {2: Sample(count=5, shard_rows=2), 3: Sample(count=2)}  # what `paper` means here
