@@ -34,9 +34,13 @@ kept: list[bytes] = []
 
 
 def grow(task, content):
-    """Keep 160 MB in this process, whose memory loky looks at after each task, not each second."""
+    """Keep 16 MB in this process, which loky looks at after each task and ends above 30 MB more.
+
+    Otherwise it looks each second and ends it above 300 MB.
+    """
     process_executor._MEMORY_LEAK_CHECK_DELAY = 0.0
-    kept.append(b"x" * 160_000_000)
+    process_executor._MAX_MEMORY_LEAK_SIZE = 30_000_000
+    kept.append(b"x" * 16_000_000)
     return os.getpid()
 
 
