@@ -237,13 +237,6 @@ def velocities(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, 
     return _weighted(namespace(ends).stack(weights, axis=-1), ends)
 
 
-def accelerations(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
-    """Relative accelerations at a share of an interval."""
-    s = like(share, ends)
-    weights = [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2]
-    return _weighted(namespace(ends).stack(weights, axis=-1), ends)
-
-
 def passing(
     ends: Float[Any, "L 2 6"], share: Float[Any, "L"], along: Float[Any, "L 3"]
 ) -> tuple[Float[Any, "L 3"], Float[Any, "L"]]:

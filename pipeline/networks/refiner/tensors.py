@@ -20,7 +20,7 @@ from pipeline.errors import InputError
 from pipeline.networks.device import torch_device
 from pipeline.networks.refiner import geometry, model, programs
 from pipeline.networks.refiner.arrays import where
-from pipeline.networks.refiner.geometry import Grid, Sides, accelerations, positions, velocities
+from pipeline.networks.refiner.geometry import Grid, Sides, positions
 from pipeline.orbit.decoupled import ROUNDING, Facets, facets_of
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
@@ -90,35 +90,65 @@ def stays_beyond(ends: Float[Tensor, "L 2 6"], within: Float[Tensor, "L"]) -> Bo
 
 def is_minimum(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[Tensor, "L"]:
     """Whether each pair's distance has a local minimum at its closest approach."""
-    gap, speed = positions(ends, share), velocities(ends, share)
+    motion = Cubic.of(ends)
+    gap, speed = motion.position(share), motion.velocity(share)
     along = (gap * speed).sum(dim=1) ** 2
     stationary = along <= geometry.LEVEL**2 * (gap**2).sum(dim=1) * (speed**2).sum(dim=1)
     return ((share > 0) & (share < 1)) | stationary
 
 
+class Cubic(NamedTuple):
+    """Relative motion in an interval, as ``geometry.fill_cubic`` has it: p0, v0, a2, a3."""
+
+    p0: Float[Tensor, "L 3"]
+    v0: Float[Tensor, "L 3"]
+    a2: Float[Tensor, "L 3"]
+    a3: Float[Tensor, "L 3"]
+
+    @classmethod
+    def of(cls, ends: Float[Tensor, "L 2 6"]) -> "Cubic":
+        """The cubic with these states at both ends."""
+        (here, go), (there, arrive) = ends.reshape(-1, 2, 2, 3).permute(1, 2, 0, 3)
+        way, faster = there - here, go + arrive
+        return cls(here, go, 3 * way - go - faster, faster - 2 * way)
+
+    def position(self, share: Float[Tensor, "*k L"]) -> Float[Tensor, "*k L 3"]:
+        """Relative positions at shares of the interval."""
+        s = share[..., None]
+        return self.p0 + s * (self.v0 + s * (self.a2 + s * self.a3))
+
+    def velocity(self, share: Float[Tensor, "L"]) -> Float[Tensor, "L 3"]:
+        """Relative velocities at a share of the interval."""
+        s = share[:, None]
+        return self.v0 + s * (2 * self.a2 + s * (3 * self.a3))
+
+    def acceleration(self, share: Float[Tensor, "L"]) -> Float[Tensor, "L 3"]:
+        """Relative accelerations at a share of the interval."""
+        return 2 * self.a2 + share[:, None] * (6 * self.a3)
+
+
 def nearest(ends: Float[Tensor, "L 2 6"]) -> Float[Tensor, "L"]:
     """When each relative position is closest to 0, as a share of the interval."""
-    stretches = geometry.STRETCHES
+    motion, stretches = Cubic.of(ends), geometry.STRETCHES
     knots = torch.arange(stretches + 1, dtype=ends.dtype, device=ends.device)[:, None] / stretches
     knots = knots.expand(-1, ends.shape[0])
-    here = positions(ends, knots)
+    here = motion.position(knots)
     way = here[1:] - here[:-1]
     length = way.square().sum(dim=2).clamp(min=torch.finfo(ends.dtype).tiny)
     share = (-(here[:-1] * way).sum(dim=2) / length).clamp(0.0, 1.0)
     times = torch.cat([knots, knots[:-1] + share / stretches])
-    squares = positions(ends, times).square().sum(dim=2)
+    squares = motion.position(times).square().sum(dim=2)
     least = squares.amin(dim=0)
     s = when = times.gather(0, squares.argmin(dim=0, keepdim=True))[0]
     low, high = (when - 1 / stretches).clamp(min=0.0), (when + 1 / stretches).clamp(max=1.0)
-    gap = positions(ends, s)
+    quarter, gap = (high - low) / 4, motion.position(s)
     for _ in range(geometry.NEWTON_STEPS):
-        speed = velocities(ends, s)
+        speed = motion.velocity(s)
         slope = (gap * speed).sum(dim=1)
-        curvature = (speed.square() + gap * accelerations(ends, s)).sum(dim=1)
-        flat = torch.sign(slope) * (high - low) / 4
-        step = torch.where(curvature > 0, slope / curvature, flat)
+        curvature = (speed.square() + gap * motion.acceleration(s)).sum(dim=1)
+        step = torch.where(curvature > 0, slope / curvature, torch.sign(slope) * quarter)
         s = torch.minimum(torch.maximum(s - step, low), high)
-        gap = positions(ends, s)
+        gap = motion.position(s)
         square = gap.square().sum(dim=1)
         when = torch.where(square <= least * geometry.EQUAL, s, when)
         least = torch.minimum(square, least)
