@@ -157,5 +157,5 @@ def cluster(forked: Forked, tmp_path: Path) -> Iterator[Cluster]:
     finally:
         found.end()
         with warnings.catch_warnings(action="ignore"):
-            gc.collect()
+            gc.collect(0)  # what is younger than the scheduler
         gc.enable()

@@ -78,6 +78,17 @@ def sql(
     database.unlink()
 
 
+@pytest.fixture
+def warned() -> Iterator[list[str]]:
+    """Warnings of prolearn's log."""
+    found: list[str] = []
+    handler, log = logging.Handler(logging.WARNING), logging.getLogger("prolearn")
+    handler.emit = lambda record: found.append(record.getMessage())  # type: ignore[method-assign]
+    log.addHandler(handler)
+    yield found
+    log.removeHandler(handler)
+
+
 def run_of(version: int) -> str:
     """The training run of a version, for a statement."""
     return f"(SELECT run_id FROM model_versions WHERE version = {version})"
@@ -92,17 +103,16 @@ def prolearn(*arguments: str) -> str:
 
 @pytest.mark.parametrize("name", ["seed", "n_spacecraft"])
 def test_a_version_whose_run_has_no_sound_number_is_left_out_with_one_warning(
-    sql: Callable[..., None], name: str, caplog: pytest.LogCaptureFixture, solved: Path
+    sql: Callable[..., None], name: str, warned: list[str], solved: Path
 ) -> None:
     for text in TEXTS:
-        caplog.clear()
+        warned.clear()
         sql(f"UPDATE params SET value = ? WHERE key = ? AND run_uuid = {run_of(2)}", text, name)
-        with caplog.at_level(logging.WARNING, "prolearn"):
-            assert [version.version for version in list_versions()] == [1]
-            assert [version.version for version in newest_trainings()] == [1]
-            if text == TEXTS[0]:  # as all texts, and each time a network is loaded
-                assert [one.version.version for one in networks([], solved)] == [1]
-        (warning,) = caplog.messages
+        assert [version.version for version in list_versions()] == [1]
+        assert [version.version for version in newest_trainings()] == [1]
+        if text == TEXTS[0]:  # as all texts, and each time a network is loaded
+            assert [one.version.version for one in networks([], solved)] == [1]
+        (warning,) = warned
         assert f"prolearn-ff1/2 cannot be used: {name} of its training run" in warning
         assert warning.endswith("It is left out.") and warning.isprintable()
         assert len(warning) < 300
@@ -151,7 +161,7 @@ def test_a_champion_that_is_not_there_is_none(sql: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("gone", ["UPDATE runs SET lifecycle_stage = 'deleted'", "purged"])
 def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_run(
-    sql: Callable[..., None], gone: str, project: Path, caplog: pytest.LogCaptureFixture
+    sql: Callable[..., None], gone: str, project: Path, warned: list[str]
 ) -> None:
     version = resolve("ff1/2")
     if gone == "purged":
@@ -164,7 +174,7 @@ def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_r
     assert (found.n, found.params, found.metrics) == (0, {}, {})
     assert load("ff1/2")[1] == found
     add_model_results(version, {0: {"x": 1.0}}, project / "files", dataset=("data", "d"))
-    assert f"The evaluation of {version.uri} is not added to its training run" in caplog.text
+    assert f"The evaluation of {version.uri} is not added to its training run" in "".join(warned)
     assert model_metric_by_size(version, "valid_loss") == {}
     training, curves = training_tables([found])
     assert (len(training), len(curves)) == (1, 0)
@@ -172,14 +182,14 @@ def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_r
 
 @pytest.mark.usefixtures("sql")
 def test_an_evaluation_that_an_error_without_text_keeps_out_of_a_run_is_told_its_kind(
-    project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    project: Path, monkeypatch: pytest.MonkeyPatch, warned: list[str]
 ) -> None:
     def failing(*_: object) -> None:
         raise RuntimeError
 
     monkeypatch.setattr("registry.metrics._add_metrics", failing)
     add_model_results(resolve("ff1/2"), {}, project / "files", dataset=("data", "d"))
-    assert "is not added to its training run (RuntimeError)." in caplog.text
+    assert "is not added to its training run (RuntimeError)." in "".join(warned)
 
 
 ADDS = """
