@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import tempfile
-import warnings
 from collections.abc import Generator, Iterator
 from functools import cache
 from pathlib import Path
@@ -145,17 +144,9 @@ def known_operators() -> None:
 
 @pytest.fixture
 def cluster(forked: Forked, tmp_path: Path) -> Iterator[Cluster]:
-    """A Dask scheduler without workers yet.
-
-    Where one was killed and is back at once, Dask's client may leave a socket to be collected as
-    garbage, of which Python would warn in whichever test that happens.
-    """
+    """A Dask scheduler without workers yet."""
     found = Cluster(forked, tmp_path / "cluster")
-    gc.disable()
     try:
         yield found
     finally:
         found.end()
-        with warnings.catch_warnings(action="ignore"):
-            gc.collect(0)  # what is younger than the scheduler
-        gc.enable()

@@ -12,7 +12,7 @@ import runpy, sys
 sys.argv = {argv}
 runpy.run_module({argv}[0], run_name="__main__")
 """
-"""A module as a program, in a process that has read Dask's configuration for itself."""
+"""A module as a program. Nothing of Dask is loaded before, so it reads its configuration."""
 
 
 def until(holds: Callable[[], object], seconds: float = 60.0) -> None:

@@ -32,8 +32,6 @@ LATE = (
     "cli.main",
     "alembic.command",
     "alembic.config",
-    "distributed.cli.utils",
-    "distributed.nanny",
     "encodings.cp437",
     "git",
     "IPython.display",
@@ -227,7 +225,6 @@ def run(asked: dict[str, Any], streams: list[int]) -> int:
     os.environ.update(asked["environment"])
     os.chdir(asked["folder"])
     tempfile.tempdir = None
-    sys.modules["dask.config"].refresh()  # from this environment
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
         os.close(stream)
