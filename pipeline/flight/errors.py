@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_whole
-from pipeline.orbit.arrays import cross_product, norm
+from pipeline.orbit.arrays import norm
 from pipeline.orbit.covariance import (
     MAX_ERRORS,
     NO_BURN,
@@ -235,7 +235,7 @@ def burns_made(
     error = in_size[..., None] * along + across[..., None] * (draw - along)
     if errors.magnitude_bias or errors.direction_bias:
         error += errors.magnitude_bias * drawn.thruster[..., :1] * commanded
-        error += errors.direction_bias * cross_product(drawn.thruster[..., 1:], commanded)
+        error += errors.direction_bias * np.cross(drawn.thruster[..., 1:], commanded)
     burns, lag = burning[..., None], errors.timing * drawn.lag[:, interval]
     held = np.where(missed[..., None], 0.0, np.where(burns, commanded + error, commanded))
     return ExecutedBurns(held, np.where(burns, held * lag[..., None], 0.0), missed.sum(axis=1))

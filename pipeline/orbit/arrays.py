@@ -49,14 +49,6 @@ def norm(a: Float[Any, "*batch d"]) -> Float[Any, "*batch"]:
     return namespace(a).linalg.vector_norm(a, dim=-1)
 
 
-def cross_product(a: Float[Array, "*one 3"], b: Float[Array, "*other 3"]) -> Float[Array, "*all 3"]:
-    """Cross products a × b along the last axis, for which np.cross takes several times as long."""
-    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for k in range(3):
-        found[..., k] = a[..., k - 2] * b[..., k - 1] - a[..., k - 1] * b[..., k - 2]
-    return found
-
-
 SomeRows = TypeVar("SomeRows", bound="Rows")
 
 

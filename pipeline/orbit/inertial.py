@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
-from pipeline.orbit.arrays import AnyState, Rows, Scalar, Vector, cross_product, norm
+from pipeline.orbit.arrays import AnyState, Rows, Scalar, Vector, norm
 from pipeline.orbit.reference import MU_EARTH
 
 UNDEFINED = 1e-15  # sine of the inclination, or eccentricity, up to which it is rounding of 0
@@ -32,7 +32,7 @@ class Elements:
         state, but all elements together reproduce it. InputError for a state on no closed orbit.
         """
         position, velocity = state[:3], state[3:]
-        momentum = cross_product(position, velocity)
+        momentum = np.cross(position, velocity)
         h, r = float(norm(momentum)), float(norm(position))
         parameter = h**2 / MU_EARTH
         e_cos, e_sin = parameter / r - 1, float(position @ velocity) / r * h / MU_EARTH
@@ -50,7 +50,7 @@ class Elements:
         if tilt <= UNDEFINED:
             inclination, raan = (0.0 if normal[2] > 0 else np.pi), 0.0
             node = np.array([1.0, 0.0, 0.0])
-        latitude = np.arctan2(position @ cross_product(normal, node), position @ node)
+        latitude = np.arctan2(position @ np.cross(normal, node), position @ node)
         perigee = latitude - np.arctan2(e_sin, e_cos)
         if eccentricity <= UNDEFINED:
             eccentricity, perigee = 0.0, 0.0
@@ -88,7 +88,7 @@ class Frame(Rows):
     def to_inertial(self, states: Float[Array, "*many 6"]) -> Float[Array, "*more 6"]:
         """Convert LVLH states to inertial axes, relative to the frame's origin, m and m/s."""
         position, velocity = states[..., :3], states[..., 3:]
-        moving = velocity + cross_product(self.rate, position)
+        moving = velocity + np.cross(self.rate, position)
         both = np.matvec(self.axes, position), np.matvec(self.axes, moving)
         return np.concatenate(both, axis=-1)
 
@@ -96,16 +96,16 @@ class Frame(Rows):
         """The inverse of ``to_inertial``."""
         position = np.matvec(self.axes.mT, relative[..., :3])
         moving = np.matvec(self.axes.mT, relative[..., 3:])
-        return np.concatenate([position, moving - cross_product(self.rate, position)], axis=-1)
+        return np.concatenate([position, moving - np.cross(self.rate, position)], axis=-1)
 
 
 def lvlh_axes(origin: AnyState) -> Float[Array, "*batch 3 3"]:
     """Unit vectors along r, h × r and h = r × v of the origin's inertial state, as columns."""
     position, velocity = origin[..., :3], origin[..., 3:]
-    momentum = cross_product(position, velocity)
+    momentum = np.cross(position, velocity)
     radial = position / norm(position)[..., None]
     cross = momentum / norm(momentum)[..., None]
-    return np.stack([radial, cross_product(cross, radial), cross], axis=-1)
+    return np.stack([radial, np.cross(cross, radial), cross], axis=-1)
 
 
 def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
@@ -117,6 +117,6 @@ def lvlh_frame(origin: AnyState, acceleration: Vector) -> Frame:
     """
     axes = lvlh_axes(origin)
     position, velocity = origin[..., :3], origin[..., 3:]
-    r, h = norm(position), norm(cross_product(position, velocity))
+    r, h = norm(position), norm(np.cross(position, velocity))
     across = np.vecdot(axes[..., 2], acceleration)
     return Frame(axes, np.stack([r * across / h, np.zeros_like(r), h / r**2], axis=-1))

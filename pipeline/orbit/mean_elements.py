@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Float
-from pipeline.orbit.arrays import Formation, PerCraft, Rows, cross_product, norm
+from pipeline.orbit.arrays import Formation, PerCraft, Rows, norm
 from pipeline.orbit.forces import oblateness
 from pipeline.orbit.inertial import lvlh_axes
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
@@ -37,7 +37,7 @@ class PlanarElements(Rows):
     def of(cls, states: Formation) -> "PlanarElements":
         """Elements of inertial states, m and m/s, in their LVLH axes."""
         position, velocity = states[..., :3], states[..., 3:]
-        r, h = norm(position), norm(cross_product(position, velocity))
+        r, h = norm(position), norm(np.cross(position, velocity))
         rising = np.vecdot(position, velocity) / r
         x, y = h**2 / (MU_EARTH * r) - 1, -rising * h / MU_EARTH
         root = np.sqrt(1 - x**2 - y**2)
@@ -100,7 +100,7 @@ class PlanarElements(Rows):
 def rotation(angle: Float[Array, "n 3"]) -> Float[Array, "n 3 3"]:
     """The rotation matrix of a rotation vector, rad, by Rodrigues' formula."""
     size = norm(angle)[..., None, None]
-    columns = cross_product(angle[..., None, :], np.eye(3)).mT
+    columns = np.cross(angle[..., None, :], np.eye(3)).mT
     # sin θ/θ and (1 - cos θ)/θ², regular at 0
     first, second = np.sinc(size / np.pi), np.sinc(size / (2 * np.pi)) ** 2 / 2
     return np.asarray(np.eye(3) + first * columns + second * columns @ columns)
