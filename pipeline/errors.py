@@ -89,7 +89,7 @@ def list_if_iterable(values: Any) -> Any:
 
 
 def check_text(name: str, value: Any) -> None:
-    """Raise InputError for a value that is no text, or has lone surrogates, invalid in Unicode."""
+    """Raise InputError for a value that is not a string, or not valid Unicode."""
     check_kind(name, value, str)
     if any("\ud800" <= one <= "\udfff" for one in value):
         raise InputError(f"{name} is {value!a}; expected text without halves of characters.")

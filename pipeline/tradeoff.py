@@ -91,7 +91,7 @@ def arcs_between(first: float, last: float, time_step: float, steps: int) -> lis
 def with_arcs(
     scenario: Scenario, arcs: int, goal: Goal = "fixed", *, allow_drift: bool = False
 ) -> Scenario:
-    """The scenario with another number of arcs of the same length; a moving goal drifts freely.
+    """The scenario with another number of control intervals; a moving goal drifts until their end.
 
     InputError where that is too short for waypoints and corridors or, unless ``allow_drift`` or the
     ends are any, where fixed goals drift at their new time, as they do but about a circle.

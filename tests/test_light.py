@@ -148,9 +148,9 @@ for k, arguments in enumerate(json.loads(sys.argv[1])):
     sys.argv = ["prolearn", *arguments]
     app()
 """
-"""Runs commands one after the other, each forked from a process that has imported them.
+"""Code that runs several commands, each in a fork of a process that has imported the libraries.
 
-It has also imported what they need of others, which would take most of their time.
+Their imports would take most of each command's time.
 """
 
 

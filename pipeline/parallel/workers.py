@@ -106,7 +106,7 @@ class Workers:
 
 @functools.lru_cache(maxsize=1)
 def _thread_pools(_modules: int) -> ThreadpoolController:
-    """Those of the libraries of this process, sought again once it has imported more modules."""
+    """Thread pools of the loaded libraries, found again once more modules are imported."""
     return ThreadpoolController()
 
 

@@ -125,7 +125,7 @@ class PlanDocument(Strict):
 
 
 def _leaves(given: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """Leaves of a JSON tree: each scalar with its path."""
+    """Yield each scalar of a JSON value with its path."""
     if isinstance(given, dict):
         parts = [(f"{place}.{name}", one) for name, one in given.items()]
     elif isinstance(given, list):

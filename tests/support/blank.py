@@ -1,4 +1,4 @@
-"""Files of figures on which nothing is drawn, for tests of what goes with them.
+"""Blank figure files, for tests of everything but the figures.
 
 To lay out and draw all figures of a report takes longer than all else that it needs.
 """
@@ -29,5 +29,5 @@ def leave_blank(patch: "pytest.MonkeyPatch | None" = None) -> None:
 
 
 def save_blank(_: Figure, path: Path, *suffixes: list[str]) -> None:
-    """As ``save``, without what is on the figure."""
+    """Save a blank figure in place of the given one."""
     save(Figure(), path, *suffixes)

@@ -135,7 +135,7 @@ class Step(nn.Module):
         return decoupled_optima(craft.initial[None], craft.goal[None], self.grid, self.problem)
 
     def scene(self, craft: SimpleNamespace) -> Scene:
-        """Distances, normals and gains of P encounters at their times of closest approach."""
+        """Geometry of P encounters at closest approach: distances, normals and gains."""
         ends = craft.nodes - craft.told_nodes
         return geometry.scene_of(craft.interval, craft.share, ends, self.grid)
 

@@ -98,7 +98,7 @@ def is_minimum(ends: Float[Tensor, "L 2 6"], share: Float[Tensor, "L"]) -> Bool[
 
 
 class Cubic(NamedTuple):
-    """Relative motion in an interval, as ``geometry.fill_cubic`` has it: p0, v0, a2, a3."""
+    """Coefficients of relative motion in an interval: p0 + v0 s + a2 s² + a3 s³, s from 0 to 1."""
 
     p0: Float[Tensor, "L 3"]
     v0: Float[Tensor, "L 3"]

@@ -202,7 +202,7 @@ def test_a_transfer_time_is_served_where_plans_are_proven_safe_and_cheap(rows, s
 
 
 def test_of_a_refiner_it_is_not_said_for_which_transfer_time_it_was_trained(rows):
-    """It takes part on data of any time grid, whatever that of its training."""
+    """A refiner can be evaluated on any time grid, not only that of its training."""
     times = lstms_at(rows, {10: 100, 20: 100, 40: 100}, CHEAP)
     times["planner"] = times["planner"].replace("lstm1", "refiner")
     said = times_findings(

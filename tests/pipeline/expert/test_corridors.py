@@ -162,7 +162,7 @@ def test_ends_outside_are_infeasible_and_the_check_names_them():
 
 
 def test_an_end_outside_several_faces_of_a_corridor_is_one_case_by_the_furthest():
-    """Of a cone behind its apex every side is passed, and beyond a box's corner three faces."""
+    """Behind a cone's apex it is outside all faces, and beyond a box's corner outside three."""
     box = replace(BOX, begin=1200.0)
     asked = replace(approach(1, corridors=(box, replace(CONE, craft=()))), goal=FAR[:1] * -1)
     asked = replace(asked, goal=asked.goal + np.array([50.0, 0, 31, 0, 0, 0]))

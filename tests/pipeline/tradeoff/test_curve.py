@@ -69,7 +69,7 @@ def test_a_moving_goal_is_where_free_drift_takes_it(arcs):
 
 
 def test_about_an_orbit_goals_that_drift_at_another_time_are_refused_unless_they_may():
-    """There the states of a formation that stays depend on where on the orbit it is."""
+    """States that do not drift depend there on the position of the formation on its orbit."""
     about = Problem().about(ReferenceOrbit(7e6, 0.05, 50.0))
     scenario = draw("rings", 5, 4, 0, about, "valid")
     assert not drifts(with_arcs(scenario, 10))
