@@ -46,7 +46,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 shapes.check_once()
 
 LONG = {
-    *("test_torture.py", "test_pages.py", "test_line.py", "test_full_disk.py", "test_browser.py"),
+    *("test_torture.py", "test_pages.py", "test_json.py", "test_full_disk.py", "test_browser.py"),
     *("test_files.py", "test_kill.py", "test_risk.py", "test_report.py", "test_page.py"),
     *("test_experiments_on_dask.py", "test_montecarlo.py", "test_unfinished.py", "test_contest.py"),
     *("test_export.py", "test_foreign_architecture.py", "test_flights.py", "test_light.py"),
