@@ -15,10 +15,12 @@ from typer.testing import CliRunner
 from cli.main import app
 from pipeline.dataset.examples import Examples
 from pipeline.errors import ProlearnError
+from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import ExportedGraph, _traced_for, traced
 from pipeline.networks.recipes import Recipe
 from pipeline.orbit.dynamics import cw_matrices
+from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import straight_line
 from pipeline.scenario import draw
 from pipeline.training.loop import Trained, train
@@ -74,6 +76,21 @@ def assert_answers_like(path: Path, model: Model, n: int) -> None:
     np.testing.assert_allclose(states / size, wanted / size, rtol=0, atol=1e-5)
 
 
+def trained_on_straight_lines(arch: str, problem: Problem, craft: int) -> Trained:
+    """A network trained for an epoch."""
+    drawn = [draw("rings", 0, craft, k, problem) for k in range(4)]
+    first, last = (np.stack([getattr(one, end) for one in drawn]) for end in ("initial", "goal"))
+    given = Examples(problem, first, last, straight_line(first, last, problem.nodes))
+    few = replace(recipe_for(arch, "tuned"), epochs=1)
+    return train(arch, few, given, given, device="cpu")
+
+
+@pytest.fixture(scope="module")
+def short_lstm() -> Trained:
+    """An LSTM for the fewest nodes: each is a copy of its cells in the graph, and takes long."""
+    return trained_on_straight_lines("lstm1", Problem(nodes=3, time_step=600.0), 3)
+
+
 @pytest.fixture
 def ff1(recorded: Callable[..., object], trained: Trained, dataset: DatasetInfo) -> Model:
     """A registered network for three craft."""
@@ -82,15 +99,15 @@ def ff1(recorded: Callable[..., object], trained: Trained, dataset: DatasetInfo)
 
 
 def test_an_lstm_becomes_one_file_for_any_number_of_craft(
-    folder: Path, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, short_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
-    record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
+    record_training(short_lstm, recipe=recipe, seed=0, dataset=dataset)
 
     said = export("lstm1", "--format", "onnx")
 
     path = folder / "prolearn-lstm1-v1.onnx"
     for n in (1, 2, 10, 47, 100):
-        assert_answers_like(path, trained_lstm.model, n)
+        assert_answers_like(path, short_lstm.model, n)
     onnx.checker.check_model(onnx.load(path), full_check=True)
     # 4 gates of 6 inputs and 180 units, two biases each, and a layer from 180 to 6
     weights = 4 * (4 * (6 * 180 + 180 * 180 + 2 * 180) + 180 * 6 + 6)
@@ -113,25 +130,22 @@ def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_its_card_says_
 def test_a_feed_forward_file_of_a_training_on_single_craft_is_for_one_craft(
     folder: Path, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
-    drawn = [draw("rings", 0, 1, k, PROBLEM) for k in range(4)]
-    first, last = (np.stack([getattr(one, end) for one in drawn]) for end in ("initial", "goal"))
-    alone = Examples(PROBLEM, first, last, straight_line(first, last, PROBLEM.nodes))
-    made = train("ff1", replace(recipe, epochs=1), alone, alone, device="cpu")
+    made = trained_on_straight_lines("ff1", PROBLEM, 1)
     record_training(made, recipe=recipe, seed=0, dataset=dataset)
     assert "for n = 1." in export("ff1", "--out", "one.onnx")
     assert_answers_like(folder / "one.onnx", made.model, 1)
 
 
 def test_several_models_go_into_a_folder_under_their_own_names_for_any_one_size_by_request(
-    folder: Path, ff1: Model, trained_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, ff1: Model, short_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
 ) -> None:
-    record_training(trained_lstm, recipe=recipe, seed=0, dataset=dataset)
+    record_training(short_lstm, recipe=recipe, seed=0, dataset=dataset)
     said = export("ff1", "lstm1", "--n", "12", "--out", "onboard/new")
 
     names = ["prolearn-ff1-v1.onnx", "prolearn-lstm1-v1.onnx"]
     wanted = {name + end for name in names for end in ("", ".md")}
     assert {path.name for path in (folder / "onboard" / "new").iterdir()} == wanted
-    for name, model in zip(names, (ff1, trained_lstm.model), strict=True):
+    for name, model in zip(names, (ff1, short_lstm.model), strict=True):
         assert_answers_like(folder / "onboard" / "new" / name, model, 12)
         assert session(folder / "onboard" / "new" / name).get_inputs()[0].shape == ["batch", 12, 6]
         assert f"{name}:" in said
