@@ -108,9 +108,15 @@ def newest(place: tuple[Path, dict[str, str]]) -> Path:
 
 @pytest.fixture(scope="module")
 def earlier(place: tuple[Path, dict[str, str]]) -> Path:
-    """The folder of a drawn report of the first evaluation, which records a plug-in network."""
+    """The folder of a report of the first evaluation, which records a plug-in network."""
     run = place[1]["evaluation"]
-    with inside(place) as folder, other_versions({run: {"theirs:networks": "1.2+code.a"}}):
+    changes = {run: {"theirs:networks": "1.2+code.a"}}
+    with (
+        inside(place) as folder,
+        other_versions(changes),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        leave_blank(patch)
         said = CliRunner().invoke(app, ["report", "--out", "earlier", "--evaluation", run])
         assert said.exit_code == 0, said.output
         return folder / "earlier"
