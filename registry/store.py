@@ -59,6 +59,13 @@ PROCESS_DEFAULTS = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "MLFLOW_UV_AUTO_DETECT": "false",
 }
+LEVELS = {
+    **dict.fromkeys(("mlflow", "alembic"), logging.WARNING),
+    # It warns where there is no pip, as in environments of uv, which does not affect a model.
+    "mlflow.utils.environment": logging.ERROR,
+    # What it logs with a traceback it raises too, and the person gets it as a sentence.
+    "mlflow.store.db.utils": logging.CRITICAL,
+}
 LOCK_SECONDS = 120.0  # that another process may take to set up a fresh store; a few are usual
 WRITER = "writer."  # prefix of the tag that has the token of a process that writes a run
 # What MLflow raises where a store fails, or its files are where it cannot reach them
@@ -169,12 +176,9 @@ def _prepare_process() -> None:
         os.environ.setdefault(name, value)
     set_telemetry_client()  # reads its switch anew
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
-        for name in ("mlflow", "alembic"):
-            logging.getLogger(name).setLevel(logging.WARNING)
-        # It warns where there is no pip, as in environments of uv, which does not affect a model.
-        logging.getLogger("mlflow.utils.environment").setLevel(logging.ERROR)
-        # What it logs with a traceback it raises too, and the person gets it as a sentence.
-        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
+        for name, level in LEVELS.items():
+            if (log := logging.getLogger(name)).level != level:  # a change slows all loggers down
+                log.setLevel(level)
 
 
 def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
