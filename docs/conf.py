@@ -1,5 +1,6 @@
 """How the documentation is built: `make docs` writes it to build/docs, warnings as errors."""
 
+import gc
 import re
 import tomllib
 from pathlib import Path
@@ -10,6 +11,8 @@ from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.util.math import get_node_equation_number
+
+gc.disable()  # to look through the trees of all pages takes long, and next to nothing is garbage
 
 project = "prolearn"
 author = "The prolearn authors"

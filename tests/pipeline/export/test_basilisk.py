@@ -64,10 +64,15 @@ for name in sys.argv[1:]:
         os.dup2(os.open(f"{name}.out", os.O_WRONLY | os.O_CREAT), 1)
         sys.argv[:] = [name]
         runpy.run_path(name, run_name="__main__")
-        sys.exit()
+        sys.stdout.flush()
+        os._exit(0)
     assert os.wait()[1] == 0, name
+os._exit(0)
 """
-"""Runs scripts, each in a process of its own, which has imported Basilisk already."""
+"""Runs scripts, each in a process of its own, which has imported Basilisk already.
+
+None takes apart at its end what it has imported, which takes longer than most of the flights.
+"""
 
 
 @pytest.fixture(scope="module")
