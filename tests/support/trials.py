@@ -136,7 +136,8 @@ def _hits(
     plan = np.concatenate([planned[:, :-1], controls], axis=-1)
     tracks = (plan @ flow.reshape(-1, 9).T).reshape(*plan.shape[:2], -1, 3)
     # Largest errors of positions, velocities and burns, and what each comes to at most later on.
-    errors = np.linalg.norm((flown - plan).reshape(*flown.shape[:-1], 3, 3), axis=-1).max(axis=0)
+    wrong = (flown - plan).reshape(*flown.shape[:-1], 3, 3)
+    errors = np.sqrt(np.vecdot(wrong, wrong).max(axis=0))
     growth = np.linalg.norm(flow.reshape(-1, 3, 3, 3).swapaxes(1, 2), ord=2, axis=(-2, -1))
     off = errors @ growth.T  # (n, T-1, times)
     i, j = np.triu_indices(len(plan), 1)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,6 +40,7 @@ def within(monkeypatch):
     return found
 
 
+@cache
 def sampled():
     """Distance of all pairs at all sampled times, by interval, in r_col."""
     fine = track(STATES, CONTROLS, PROBLEM, STEPS)
