@@ -1,6 +1,7 @@
 """The expert on real scenarios: always safe, near-optimal, repeatable, whatever its seed."""
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import clarabel
@@ -371,14 +372,20 @@ def test_no_scenarios_have_no_plans():
     assert solve_many([]) == []
 
 
+@cache
+def of_usual_size(settings):
+    """A swarm, and the certificate of its plan."""
+    scenario = draw("rings", 2022, 10, 3, PROBLEM)
+    return scenario, solve(scenario, settings=settings).certificate
+
+
 @pytest.mark.parametrize("settings", [FIRST_SAFE, Settings(), BEST], ids=["first", "", "best"])
 @pytest.mark.parametrize(("radius", "rel"), [(150.0, 2e-3), (1.0, 1e-5), (0.01, 2e-3)])
 def test_a_smaller_swarm_burns_in_proportion_less(settings, radius, rel):
     """All lengths are scaled alike, so that controls are, too; up to what proofs need in metres."""
-    scenario, scale = draw("rings", 2022, 10, 3, PROBLEM), radius / 15
+    (scenario, usual), scale = of_usual_size(settings), radius / 15
     problem = replace(PROBLEM, collision_radius=radius)
     small = Scenario(problem, scenario.initial * scale, scenario.goal * scale)
     fuel = solve(small, settings=settings).certificate.fuel
-    usual = solve(scenario, settings=settings).certificate
     assert usual.optimality_gap > 1e-3
     assert fuel == pytest.approx(usual.fuel * scale, rel=rel)
