@@ -12,7 +12,7 @@ from pipeline.expert import solve
 from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
-from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
 from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment, decoupled_costs, ranked
@@ -150,12 +150,20 @@ def test_what_refutes_one_assignment_is_not_said_of_all():
     assert judged(scenario, plan).wrong == ()
 
 
+def between_starts(n, first, last, radius):
+    """A swarm that goes from where one starts to where another starts, both drawn at random."""
+    ends = [draw("independent", 7, n, k, Problem()).initial for k in (first, last)]
+    return Scenario(Problem(collision_radius=radius), *ends)
+
+
 def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
-    """All orders of three craft, each by the expert; they start and end on the same few orbits."""
-    problem, found = Problem(collision_radius=60.0), set()
-    for index in range(8):
-        ends = [draw("independent", 7, 3, k, Problem()) for k in (index, index + 50)]
-        scenario = Scenario(problem, ends[0].initial, ends[1].initial)
+    """All orders of three craft, each by the expert; they start and end on the same few orbits.
+
+    The last has orders that are in nobody's way after a loss of thrust until they are planned.
+    """
+    found = set()
+    for index, other in (*((k, k + 50) for k in range(8)), (45, 195)):
+        scenario = between_starts(3, index, other, 60.0)
         (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
         truth = [
             solve(scenario.taking(order), requirements=ADRIFT).status
@@ -165,6 +173,14 @@ def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
         assert (plan.status == INFEASIBLE) == (set(truth) == {INFEASIBLE})
         found.add(plan.status)
     assert len(found) > 1
+
+
+def test_nothing_is_proven_of_orders_that_were_not_tried():
+    """All orders of four craft are infeasible, but no more than the cheapest 16 are planned."""
+    scenario = between_starts(4, 14, 164, 30.0)
+    (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
+    assert plan.status == UNSOLVED
+    assert plan.message.startswith("no plan found for 16 assignments; for this one, ")
 
 
 def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
