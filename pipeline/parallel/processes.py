@@ -1,5 +1,7 @@
 """Calls made by worker processes of this machine, by joblib's loky."""
 
+import atexit
+import gc
 import os
 import signal
 import threading
@@ -43,7 +45,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
         return_as="generator_unordered",
         batch_size=1,
         max_nbytes=None,  # nothing is large enough for a file in shared memory, which a kill leaves
-        initializer=end_with_parent,
+        initializer=_begin_worker,
         initargs=(os.getpid(),),
     )
     try:
@@ -108,6 +110,16 @@ def _no_imports_from_here() -> Iterator[None]:
             del os.environ[SAFE_PATH]
         else:
             os.environ[SAFE_PATH] = usual
+
+
+def _begin_worker(parent: int) -> None:
+    """In a worker: end with the process with this id, and collect garbage as seldom as commands.
+
+    Imports for a training take a quarter less time so.
+    """
+    gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
+    end_with_parent(parent)
 
 
 def end_with_parent(parent: int) -> None:

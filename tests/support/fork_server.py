@@ -90,9 +90,12 @@ PACKET = 1 << 17  # bytes, above what an environment takes
 
 def main(path: str) -> None:
     """Serve requests until stdin is closed, then stop all processes and remove the socket."""
+    gc.disable()  # imports make little garbage, and it is looked for among all that they make
     import_everything()
+    gc.freeze()
     do_first()
     spare_children()
+    gc.enable()
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         listener.bind(path)
         listener.listen()
