@@ -78,10 +78,10 @@ def opened(browser, tmp_path):
     def shown(plan, name="plan.json", width=1400, theme="light", height=900):
         media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+        browser.get("about:blank")  # else the last page would be drawn anew in this size
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         write_page(tmp_path / "page.html", plan, name)
-        browser.get("about:blank")
         browser.get_log("performance")  # what the browser's own first page asks for
         browser.get((tmp_path / "page.html").as_uri())
         wait_for(browser, "return document.documentElement.dataset.drawn === 'yes'")
