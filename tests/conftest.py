@@ -50,12 +50,8 @@ LONG = {
     *("test_files.py", "test_kill.py", "test_risk.py", "test_report.py", "test_page.py"),
     *("test_experiments_on_dask.py", "test_montecarlo.py", "test_unfinished.py", "test_contest.py"),
     *("test_export.py", "test_foreign_architecture.py", "test_flights.py", "test_light.py"),
-    *("test_dask.py", "test_dataset_commands.py", "test_several_trainings.py", "test_packaging.py"),
 }
-"""Files with the longest tests, and those that wait for other processes: they come first.
-
-One that came last would have a worker alone, and two workers that wait leave both cores idle.
-"""
+"""Files with the longest tests, which come first: one that came last would have a worker alone."""
 
 CHECKED = ("pipeline", "judge", "benchmarks", "test_shapes.py")
 """Where calls of ``pipeline`` are checked by their annotations, but in tests marked ``untyped``."""
