@@ -3,8 +3,6 @@
 Commands import what they need when they run, so that help is instant.
 """
 
-import atexit
-import gc
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -21,6 +19,7 @@ from cli.app import CommandGroup
 from cli.output import echo
 from cli.settings import option
 from pipeline.files import lowest_existing
+from pipeline.parallel import collect_garbage_seldom
 
 # Threads that wait for each other sleep. Where they spin, as by OpenMP's default, and another
 # program wants a core too, an epoch takes some fifty times as long. Read when torch is imported.
@@ -30,10 +29,7 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 # Typer would break descriptions at 80 columns, and fish and PowerShell take each line for a choice.
 if "_PROLEARN_COMPLETE" in os.environ:
     os.environ.setdefault("TERMINAL_WIDTH", "1000")
-# Objects that imports make live as long as the process: with garbage collected seldom, and not at
-# exit, a command takes a fifth less time.
-gc.set_threshold(50_000)
-atexit.register(gc.freeze)
+collect_garbage_seldom()
 
 
 def _no_place_for_matplotlib() -> bool:

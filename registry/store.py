@@ -59,7 +59,8 @@ PROCESS_DEFAULTS = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "MLFLOW_UV_AUTO_DETECT": "false",
 }
-LEVELS = {
+# Log levels of MLflow's loggers, by name
+LOG_LEVELS = {
     **dict.fromkeys(("mlflow", "alembic"), logging.WARNING),
     # It warns where there is no pip, as in environments of uv, which does not affect a model.
     "mlflow.utils.environment": logging.ERROR,
@@ -176,7 +177,7 @@ def _prepare_process() -> None:
         os.environ.setdefault(name, value)
     set_telemetry_client()  # reads its switch anew
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
-        for name, level in LEVELS.items():
+        for name, level in LOG_LEVELS.items():
             if (log := logging.getLogger(name)).level != level:  # a change slows all loggers down
                 log.setLevel(level)
 

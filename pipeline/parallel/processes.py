@@ -1,7 +1,5 @@
 """Calls made by worker processes of this machine, by joblib's loky."""
 
-import atexit
-import gc
 import os
 import signal
 import threading
@@ -18,6 +16,8 @@ from typing import Any
 import joblib
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from pipeline.parallel import collect_garbage_seldom
 
 SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
 KEPT, SAME = "what was done is kept", "the same command again (with --resume if it has that)"
@@ -113,12 +113,8 @@ def _no_imports_from_here() -> Iterator[None]:
 
 
 def _begin_worker(parent: int) -> None:
-    """In a worker: end with the process with this id, and collect garbage as seldom as commands.
-
-    Two trainings by two workers take a fifth less CPU time so.
-    """
-    gc.set_threshold(50_000)
-    atexit.register(gc.freeze)
+    """Set up a new worker: it ends with its parent process and collects garbage seldom."""
+    collect_garbage_seldom()
     end_with_parent(parent)
 
 

@@ -77,7 +77,7 @@ def assert_answers_like(path: Path, model: Model, n: int) -> None:
 
 
 def trained_on_straight_lines(arch: str, problem: Problem, craft: int) -> Trained:
-    """A network trained for an epoch."""
+    """A network trained for one epoch on straight-line trajectories."""
     drawn = [draw("rings", 0, craft, k, problem) for k in range(4)]
     first, last = (np.stack([getattr(one, end) for one in drawn]) for end in ("initial", "goal"))
     given = Examples(problem, first, last, straight_line(first, last, problem.nodes))

@@ -80,7 +80,7 @@ def sql(
 
 @pytest.fixture
 def warned() -> Iterator[list[str]]:
-    """Warnings of prolearn's log."""
+    """Messages of the warnings that prolearn logs in a test."""
     found: list[str] = []
     handler, log = logging.Handler(logging.WARNING), logging.getLogger("prolearn")
     handler.emit = lambda record: found.append(record.getMessage())  # type: ignore[method-assign]

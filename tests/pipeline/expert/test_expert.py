@@ -374,7 +374,7 @@ def test_no_scenarios_have_no_plans():
 
 @cache
 def of_usual_size(settings):
-    """A swarm, and the certificate of its plan."""
+    """A scenario of the default size, and the certificate of its plan with these settings."""
     scenario = draw("rings", 2022, 10, 3, PROBLEM)
     return scenario, solve(scenario, settings=settings).certificate
 

@@ -60,20 +60,20 @@ def swarm(index: int, **own) -> Scenario:
 
 @cache
 def planned(index, kind=None):
-    """The plan of a swarm of a kind, or of craft alone."""
+    """The expert's plan for a swarm, with obstacles or radii of a kind or without."""
     return solve(swarm(index, **KINDS.get(kind, {})))
 
 
 @cache
 def planned_flown(index, kind=None):
-    """That plan's flight in the rough world."""
+    """Reference flight of that plan by DOP853, with eccentricity, J2 and drag."""
     plan = planned(index, kind)
     return integrated(plan.scenario, plan.controls, ROUGH)
 
 
 @cache
 def planned_effects(index, kind=None):
-    """What the product says of that flight, in each world."""
+    """Flights of that plan by the product: in the linear model and in the nonlinear one."""
     plan = planned(index, kind)
     return effects(plan.scenario, plan.controls, ROUGH)
 

@@ -151,7 +151,7 @@ def test_what_refutes_one_assignment_is_not_said_of_all():
 
 
 def between_starts(n, first, last, radius):
-    """A swarm that goes from where one starts to where another starts, both drawn at random."""
+    """Scenario from the initial states of one random draw to those of another."""
     ends = [draw("independent", 7, n, k, Problem()).initial for k in (first, last)]
     return Scenario(Problem(collision_radius=radius), *ends)
 
