@@ -59,10 +59,7 @@ class Folder:
             paths = [path for path in self.local.rglob("*") if path.is_file()]
             found = [path.relative_to(self.local).as_posix() for path in paths]
         else:
-            every = fs.FileSelector("", allow_not_found=True, recursive=True)
-            with self._reaching():
-                infos = [info for info in self.files.get_file_info(every) if info.is_file]
-            found = [info.path for info in infos]
+            found = [info.path for info in self._listed(recursive=True) if info.is_file]
             if self.files.base_fs.type_name in WITHOUT_FOLDERS:  # Arrow lists such keys, no more
                 found = [key for key in found if "" not in key.split("/")]
             found = [name.lstrip("/") for name in found]
@@ -72,12 +69,11 @@ class Folder:
 
     def top(self) -> list[str]:
         """Names of files and folders directly inside it, sorted."""
-        inside = fs.FileSelector("", allow_not_found=True)
-        with self._reaching():
-            if self.local:  # not by Arrow, which fails at names that are not UTF-8
-                there = self.local.iterdir() if self.local.is_dir() else ()
-                return sorted(path.name for path in there)
-            return sorted(info.base_name for info in self.files.get_file_info(inside))
+        if self.local is None:
+            return sorted(info.base_name for info in self._listed(recursive=False))
+        with self._reaching():  # not by Arrow, which fails at names that are not UTF-8
+            there = self.local.iterdir() if self.local.is_dir() else ()
+            return sorted(path.name for path in there)
 
     def exists(self, name: str) -> bool:
         """Whether a file is there."""
@@ -131,6 +127,15 @@ class Folder:
                 return
             self._make_parent(to)
             self.files.move(name, to)
+
+    def _listed(self, *, recursive: bool) -> list[Any]:
+        """What Arrow tells of the files and folders inside, or also below, none where it is missing."""
+        inside = fs.FileSelector("", allow_not_found=True, recursive=recursive)
+        with self._reaching():
+            try:
+                return list(self.files.get_file_info(inside))
+            except NotADirectoryError:  # what fsspec calls a page of the web without links
+                return []
 
     def _make_parent(self, name: str) -> None:
         if self.files.base_fs.type_name in WITHOUT_FOLDERS:

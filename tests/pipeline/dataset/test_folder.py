@@ -221,6 +221,10 @@ def test_a_dataset_on_a_web_server_is_verified(solved):
             url = f"http://127.0.0.1:{server.server_port}"
             assert open_folder(url).names() == open_folder(solved).names()
             assert list(verify(url, workers=ONE)) == []
+            (solved / "empty").mkdir()
+            assert open_folder(f"{url}/empty").names() == open_folder(f"{url}/empty").top() == []
+            with pytest.raises(InputError, match=r"/empty does not exist"):
+                list(verify(f"{url}/empty", workers=ONE))
         finally:
             server.shutdown()
 
