@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan.certificate import certify
@@ -12,6 +13,7 @@ from pipeline.plan.judge import violations, with_status
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import Scenario
+from pipeline.scenario.spacecraft import Spacecraft
 
 PROBLEM = Problem(mean_motion=1e-12, time_step=10.0, nodes=4, max_acceleration=1e-3)
 """As good as free space: a craft at rest, and one that passes it 3 m off, between two nodes."""
@@ -46,3 +48,18 @@ def found(push=0.0, miss=0.0, asked=None, radius=15.0):
 )
 def test_each_requirement_is_judged_by_itself(given, named, status):
     assert found(**given) == (named, status)
+
+
+def test_craft_and_obstacles_that_come_too_close_are_named_with_how_much_and_when():
+    for who, initial, obstacles in (
+        ("craft 1", INITIAL, ()),
+        ("debris", INITIAL[1:], (Obstacle("debris", tuple(INITIAL[0]), radius=2.0),)),
+    ):
+        controls = np.zeros((len(initial), 3, 3))
+        states = fly(initial, controls, PROBLEM)
+        craft = [Spacecraft(radius=2.0)] * len(initial)
+        scenario = Scenario(PROBLEM, initial, states[:, -1], craft=craft, obstacles=obstacles)
+        (certificate,) = certify([scenario], states, controls, [(0.0, "")], Requirements())
+        wrong = violations(Plan(scenario, "", "", states, controls, certificate))
+        # 3 m apart in passing, where they would have to be 4 m
+        assert wrong == {"separation": f"craft 0 comes 1 m too close to {who} at 15 s"}
