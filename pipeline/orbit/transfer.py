@@ -49,13 +49,32 @@ def transfer_maps(problem: Problem) -> TransferMaps:
 
 @once_per_motion
 def _projection(problem: Problem) -> Float[Array, "m _"]:
-    """Map from node states, 6T, to the best-fitting controls that keep the final state."""
-    maps, weight, T = transfer_maps(problem), state_weight(problem), problem.nodes
-    # Onto controls without effect on the final state
-    free = np.eye(len(maps.to_goal)) - maps.to_goal @ maps.reach[-1]
-    fit = (np.tile(weight, T)[:, None] * maps.reach.reshape(6 * T, -1)) @ free
-    projected: Float[Array, "m _"] = free @ np.linalg.pinv(fit, rcond=1e-12) * np.tile(weight, T)
-    return projected
+    """Map from node states, 6T, to the best-fitting controls that keep the final state.
+
+    By dynamic programming, as the linear-quadratic regulator that tracks these states at no cost of
+    controls: the cost to go from each node, backwards, and the controls from the first node on.
+    """
+    (A, B), weight, K = step_maps(problem), state_weight(problem), problem.intervals
+    A, B = weight[:, None] * A / weight, weight[:, None] * B
+    gain, push = np.empty((K, 3, 6)), np.empty((K, 3, 6 * problem.nodes))
+    one = np.eye(6)
+    cost, slope = one, np.zeros((6, 6 * problem.nodes))  # to go from z: zᵀ cost z / 2 + zᵀ slope
+    slope[:, -6:] = -one
+    for t in reversed(range(K)):
+        best = -np.linalg.solve(B[t].T @ cost @ B[t], B[t].T)
+        gain[t], push[t] = best @ cost @ A[t], best @ slope
+        kept = A[t] + B[t] @ gain[t]
+        cost, slope = one + A[t].T @ cost @ kept, kept.T @ slope
+        slope[:, 6 * t : 6 * t + 6] -= one
+    state = np.zeros_like(slope)
+    for t in range(K):
+        push[t] += gain[t] @ state
+        state = A[t] @ state + B[t] @ push[t]
+    controls = push.reshape(3 * K, -1)
+    # The wanted final state acts as a multiplier: the one that keeps the final state.
+    controls -= controls[:, -6:] @ (np.linalg.pinv(state[:, -6:]) @ state)
+    controls *= np.tile(weight, problem.nodes)
+    return controls
 
 
 @once_per_motion

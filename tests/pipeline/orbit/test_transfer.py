@@ -111,6 +111,21 @@ def test_no_other_flyable_trajectory_is_nearer_than_the_projection():
     assert distance(projected / scale) <= found.fun * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("step", [0.05, 2.0, 120.0])
+@pytest.mark.parametrize("nodes", [4, 11, 41])
+def test_what_a_projection_leaves_is_normal_to_all_that_can_be_flown(step, nodes):
+    problem = Problem(time_step=step, nodes=nodes)
+    rng, ends = np.random.default_rng(4), np.zeros((20, 6))
+    weight = np.repeat([1.0, 1 / problem.mean_motion], 3)
+    wanted = rng.normal(size=(20, nodes, 6)) / weight
+    projected = project_to_flyable(wanted, ends, ends, problem)
+    left = (wanted - step_by_step(ends, projected, problem)) * weight
+    other = meet_goal(ends, rng.normal(size=projected.shape), ends, problem)
+    way = step_by_step(ends, other, problem) * weight
+    size = np.linalg.norm(way, axis=(1, 2)) * np.linalg.norm(left, axis=(1, 2))
+    assert (way * left).sum(axis=(1, 2)) == pytest.approx(0, abs=1e-9 * size.max())
+
+
 def test_a_straight_line_is_straight_and_joins_both_states():
     start, goal = ends()
     line = straight_line(start, goal, 11)
