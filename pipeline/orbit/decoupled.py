@@ -28,6 +28,7 @@ ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a pri
 # Points of a hull of more than four dimensions, such as about an oblate Earth, where all motion is
 # coupled: facets grow with their cube. These many have 70,000, found in 0.7 s
 MOST_POINTS = 240
+AT_ONCE = 250_000  # effects of controls along normals at once, which bounds memory
 DEPENDENT = 1e-15  # share of the largest singular value of R up to which one counts as 0
 SHORT = 1e-6  # share of a change of state that a transfer may miss it by, for rounding
 MISSED = np.repeat([1e-6, 1e-9], 3)  # error at the goal that is allowed in any case, m and m/s
@@ -167,9 +168,11 @@ def _facets(
         raise ValueError("all facets are degenerate")
     inverse = np.linalg.inv(points[corner])  # rows of points[corner] are the corners
     dual = inverse.sum(axis=2)  # solves corners · y = 1
-    reached = dual @ points[: len(used)].T  # to those of the other sign it is as much
-    np.abs(reached, out=reached)  # of a thousand nodes it has hundreds of MB
-    dual /= np.maximum(reached.max(axis=1, keepdims=True), 1.0)
+    block = max(1, AT_ONCE // len(used))
+    for k in range(0, len(dual), block):
+        reached = dual[k : k + block] @ points[: len(used)].T  # of the other sign it is as much
+        most = np.abs(reached, out=reached).max(axis=1, keepdims=True)
+        dual[k : k + block] /= np.maximum(most, 1.0)
     weights = inverse.transpose(0, 2, 1) * scale
     sign = np.where(corner < len(used), 1.0, -1.0)
     return Facets(component, used[corner % len(used)], sign, weights, dual * scale)

@@ -1,5 +1,6 @@
 """Own optima by table: what a linear program finds, and a dual that proves it."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -122,3 +123,15 @@ def test_where_all_facets_are_flat_there_is_no_table():
 def test_a_table_is_made_once():
     problem = replace(Problem(), time_step=77.0)
     assert facets_of(problem) is facets_of(replace(problem))
+
+
+def test_a_table_of_many_facets_takes_little_memory():
+    """An orbit in 200 intervals: 18,000 facets, and 400 controls whose effects are compared."""
+    problem = Problem(time_step=PERIOD / 200, nodes=201)
+    transfer_maps(problem)
+    tracemalloc.start()
+    (in_plane, _) = facets_of(problem)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(in_plane.dual) > 10_000
+    assert peak < 30e6
