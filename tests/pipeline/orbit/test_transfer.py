@@ -8,12 +8,14 @@ from judge import exact_step
 from scipy.optimize import minimize
 
 from pipeline.orbit.problem import Problem
+from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import (
     fly,
     meet_goal,
     minimum_energy,
     project_to_flyable,
+    step_maps,
     straight_line,
     track,
     with_coasts,
@@ -54,6 +56,21 @@ def test_flying_by_maps_is_flying_step_by_step(problem, seed):
     assert fly(start, controls, problem) == pytest.approx(
         step_by_step(start, controls, problem), abs=1e-6
     )
+
+
+@pytest.mark.parametrize("nodes", [65, 66, 200])
+@pytest.mark.parametrize("eccentricity", [None, 0.5])
+def test_flying_many_intervals_is_flying_step_by_step(nodes, eccentricity):
+    problem = Problem(time_step=60.0, nodes=nodes)
+    if eccentricity is not None:
+        problem = problem.about(ReferenceOrbit(14e6, eccentricity, inclination_deg=50.0))
+    start, _ = ends(problem=problem)
+    controls = np.random.default_rng(5).normal(size=(3, problem.intervals, 3)) * 1e-4
+    states, (A, B) = [start], step_maps(problem)
+    for t in range(problem.intervals):
+        states.append(states[-1] @ A[t].T + controls[:, t] @ B[t].T)
+    found, stepped = fly(start, controls, problem), np.stack(states, axis=1)
+    assert found == pytest.approx(stepped, rel=1e-11, abs=1e-11 * np.abs(stepped).max())
 
 
 @given(problem=problems, seed=st.integers(0, 99))
