@@ -65,7 +65,9 @@ def by_simplex(sub: Subproblem) -> Optimum:
     found = solver.getSolution()
     dual = np.array(found.row_dual[6 * len(sub.miss) :])
     optimum = sub.optimum(np.array(found.col_value), dual)
-    return optimum if sub.last is None else replace(optimum, basis=_last(sub, solver.getBasis()))
+    if sub.last is None:
+        return optimum
+    return replace(optimum, basis=_last(sub, solver.getBasicVariables()[1]))
 
 
 # Solvers by their name in ``Settings``
@@ -133,12 +135,12 @@ def _highs_basis(known: Basis) -> highspy.HighsBasis:
     return basis
 
 
-def _last(sub: Subproblem, found: highspy.HighsBasis) -> Basis | None:
-    """Convert HiGHS' final basis; None where the row of a goal is basic."""
-    n, m, _ = sub.shape
-    column, row = (
-        np.array([one == _BASIC for one in some]) for some in (found.col_status, found.row_status)
-    )
+def _last(sub: Subproblem, basic: Int[Array, "rows"]) -> Basis | None:
+    """Convert HiGHS' basic variables, rows by -1 less their index; None where a goal's is one."""
+    n, m, k = sub.shape
+    column, row = np.zeros(2 * n * m + k, dtype=bool), np.zeros(6 * n + k, dtype=bool)
+    column[basic[basic >= 0]] = True
+    row[-1 - basic[basic < 0]] = True
     if row[: 6 * n].any():
         return None
     return Basis(column[: 2 * n * m].reshape(n, 2 * m), column[2 * n * m :], row[6 * n :])
