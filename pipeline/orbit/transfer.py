@@ -74,7 +74,8 @@ def _projection(problem: Problem) -> Float[Array, "m _"]:
         push[t] += gain[t] @ state
         state = A[t] @ state + B[t] @ push[t]
     controls = push.reshape(3 * K, -1)
-    # The wanted final state acts as a multiplier: the one that keeps the final state.
+    # Controls depend on the final state that is tracked: the one for which it does not change acts
+    # as the Lagrange multiplier of that constraint.
     controls -= controls[:, -6:] @ (np.linalg.pinv(state[:, -6:]) @ state)
     controls *= np.tile(weight, problem.nodes)
     return controls
