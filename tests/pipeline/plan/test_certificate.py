@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly, minimum_energy
 from pipeline.plan.certificate import certify, gap_of
@@ -136,6 +137,16 @@ def test_a_bound_that_rounding_puts_above_the_fuel_is_the_fuel():
     assert (found.fuel_lower_bound, found.optimality_gap) == (fuel, 0.0)
     wrong = certified_plan("one", scenario, Draft(controls, 1.001 * fuel)).certificate
     assert wrong.optimality_gap < -0.9e-3  # a bound that is wrong is not hidden
+
+
+def test_an_obstacle_met_at_a_node_is_counted_beside_a_scenario_without():
+    controls = np.zeros((1, 3, 3))
+    alone, states = scenario_of([-50.0, 0, 0, 5, 0, 0], controls=controls)
+    debris = Obstacle("debris", (0.0,) * 6, radius=2.0)  # passed at the node after 10 s
+    both = [alone, replace(alone, obstacles=(debris,))]
+    flown = (np.concatenate([one, one]) for one in (states, controls))
+    found = certify(both, *flown, [(0.0, "")] * 2)
+    assert [one.node_collisions for one in found] == [0, 1]
 
 
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():
