@@ -148,31 +148,50 @@ def unavoidable_encounter(
 
     Radii of craft are in m; obstacles need them, and are numbered after the craft.
     """
-    there, last = at_the_end(obstacles, problem), problem.nodes - 1
-    found = list(_encounters(goal, problem, orbits, last, radii, there))
-    if obstacles:
-        before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
-        found += [one for one in before if one.pair and one.pair[1] >= len(goal)]
-    starts = _starts_with_goals(initial, goal, problem, orbits, radii)
-    found += [one for craft, taken, one in starts if craft != taken]  # a craft takes its own goal
+    ends = initial, goal, problem, orbits, radii
+    found = list(_encounters_of_ends(*ends, obstacles))
+    found += [one for craft, taken, one in _starts_with_goals(*ends) if craft != taken]  # its own
     return min(found, key=lambda one: one.distance, default=None)
 
 
 def allowed_goals(
-    initial: Formation, goal: Formation, problem: Problem, orbits: float
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    orbits: float,
+    radii: Values | None = None,
+    obstacles: Sequence[Obstacle] = (),
 ) -> Bool[Array, "n n"]:
     """Mask of the goals that each craft may take, where goals are not assigned yet.
 
     A craft whose drift from its start meets a craft that drifts from some goal must take that goal
-    itself. None may take any where drifts from two goals meet.
+    itself. None may take any where drifts from two goals meet, or an obstacle is in the way of a
+    drift from either end. All of this holds for craft of the least of the radii, m.
     """
     n = len(goal)
+    ends = initial, goal, problem, orbits, None if radii is None else np.full(n, radii.min())
     allowed = np.ones((n, n), dtype=bool)
-    if list(_encounters(goal, problem, orbits, problem.nodes - 1)):
+    if list(_encounters_of_ends(*ends, obstacles)):
         return ~allowed
-    for craft, taken, _ in _starts_with_goals(initial, goal, problem, orbits):
+    for craft, taken, _ in _starts_with_goals(*ends):
         allowed[craft] &= np.arange(n) == taken
     return allowed
+
+
+def _encounters_of_ends(
+    initial: Formation,
+    goal: Formation,
+    problem: Problem,
+    orbits: float,
+    radii: Values | None,
+    obstacles: Sequence[Obstacle],
+) -> Iterator[Separation]:
+    """Encounters of drifts from goals, and of those from starts with obstacles."""
+    there, last = at_the_end(obstacles, problem), problem.nodes - 1
+    yield from _encounters(goal, problem, orbits, last, radii, there)
+    if obstacles:
+        before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
+        yield from (one for one in before if one.pair and one.pair[1] >= len(goal))
 
 
 def _starts_with_goals(
@@ -180,7 +199,7 @@ def _starts_with_goals(
     goal: Formation,
     problem: Problem,
     orbits: float,
-    radii: Values | None = None,
+    radii: Values | None,
 ) -> Iterator[tuple[int, int, Separation]]:
     """Encounters after the plan of craft adrift from their starts with others adrift from goals."""
     n = len(goal)

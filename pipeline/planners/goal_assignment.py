@@ -254,6 +254,7 @@ class _Candidates:
         # Costs, and the assignment of least, without goals that are proven to be of no use.
         self.allowed = np.where(_inside_corridors(scenario), costs.fuel, np.inf)
         self.first = next(ranked(self.allowed), None)
+        self.forbidden = "some craft is outside of a corridor at an end"  # in the others
         self.tried: dict[Slots, Plan] = {}
 
     @cached_property
@@ -265,13 +266,17 @@ class _Candidates:
         """Exclude assignments that cannot be passively safe, where the first is infeasible."""
         (plan,), scenario = self.tried.values(), self.scenario
         asked = plan.certificate.passive_safety
-        if scenario.unlike:  # with sizes, which goals are too close depends on the assignment
-            return
         if self.first is not None and plan.status == INFEASIBLE and asked is not None:
             ends, problem = (scenario.initial, scenario.goal), scenario.problem
-            of_use = allowed_goals(*ends, problem, asked.orbits)
-            self.allowed = np.where(of_use, self.costs.fuel, np.inf)
+            radii = scenario.radii if scenario.sized else None
+            of_use = allowed_goals(*ends, problem, asked.orbits, radii, scenario.obstacles)
+            self.allowed = np.where(of_use, self.allowed, np.inf)
             self.first = next(ranked(self.allowed), None)
+            too_close = "too close to another or to an obstacle"
+            if not scenario.sized:
+                too_close = "within collision_radius of another after the plan"
+            before = f"{self.forbidden}, or " * bool(scenario.corridors)
+            self.forbidden = f"{before}a craft adrift comes {too_close}"
 
     def others(self) -> list[Slots]:
         """Assignments that may be better than the first: the next best, and the given order.
@@ -305,10 +310,8 @@ class _Candidates:
             message = PROVEN.format(f"some craft cannot reach its own{way} within {limits}")
             return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
-            wrong = "a craft adrift comes within collision_radius of another after the plan"
-            if self.scenario.unlike:
-                wrong = f"some craft is outside of a corridor at an end; as given, {plan.message}"
-            plan = replace(plan, message=PROVEN.format(wrong))
+            forbidden = PROVEN.format(self.forbidden)
+            plan = replace(plan, message=f"{forbidden}; for this one, {plan.message}")
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)

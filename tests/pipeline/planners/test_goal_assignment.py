@@ -8,8 +8,9 @@ import pytest
 from judge import Case, judge_plan, least_fuel
 from judged import document
 
-from pipeline.expert import solve
+from pipeline.expert import Settings, solve
 from pipeline.orbit.corridors import Box, Corridor
+from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
@@ -181,6 +182,42 @@ def test_nothing_is_proven_of_orders_that_were_not_tried():
     (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
     assert plan.status == UNSOLVED
     assert plan.message.startswith("no plan found for 16 assignments; for this one, ")
+
+
+def test_an_order_that_was_merely_not_solved_is_not_refuted_with_another():
+    """Of two orders one is infeasible; an expert of no rounds finds no plan for the other, ours
+    does."""
+    scenario = between_starts(2, 20, 70, 60.0)
+    orders = [scenario.taking(one) for one in permutations(range(2))]
+    assert {solve(one, requirements=ADRIFT).status for one in orders} == {INFEASIBLE, SOLVED}
+    (plan,) = GoalAssignment(Expert(Settings(max_rounds=0), requirements=ADRIFT)).plan([scenario])
+    assert plan.status == UNSOLVED and plan.assignment.tried == 2
+
+
+def along_track(*y):
+    """Craft at rest at places along-track, m."""
+    at = np.array(y, dtype=float)
+    return pro_states(1e-9, 0.0, np.zeros(len(at)), 0.0, Problem().mean_motion, at)
+
+
+# On an ellipse 200 m long, through the place at 1400 m once in each orbit, far from all others
+PASSING = pro_states(100.0, 0.0, np.zeros(1), 0.0, Problem().mean_motion, np.array([1500.0]))[0]
+
+
+@pytest.mark.parametrize(
+    ("goal", "state"),
+    [
+        ((10, -10, 800, 1000, 1400), (0.0, 5000.0, 0.0, 0.0, 0.0, 0.0)),
+        ((50, -50, 800, 1000, 1400), PASSING),
+    ],
+)
+def test_with_an_obstacle_every_order_that_drifts_into_something_is_refuted(goal, state):
+    """In the way of two goals is a craft that stays where it starts, and of one the obstacle."""
+    ends = along_track(0, 300, 600, 900, 1200), along_track(*goal)
+    scenario = Scenario(Problem(), *ends, obstacles=(Obstacle("debris", tuple(state), radius=5.0),))
+    (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
+    assert plan.status == INFEASIBLE
+    assert "whichever goals they take, a craft adrift" in plan.message
 
 
 def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
