@@ -38,9 +38,10 @@ class Incumbents:
         self._slack: dict[int, tuple[float, int, int]] = {}
 
     def begin_round(self, active: CraftMask) -> None:
-        """Count a round for the scenarios of active craft, and drop the slack of earlier rounds."""
-        self._rounds += np.bincount(self._swarm[active], minlength=len(self._rounds)) > 0
-        self._slack = {}
+        """Count a round for the scenarios of active craft, and drop their slack of earlier ones."""
+        going = np.bincount(self._swarm[active], minlength=len(self._rounds)) > 0
+        self._rounds += going
+        self._slack = {k: slack for k, slack in self._slack.items() if not going[k]}
 
     def update(self, controls: Controls, safe: Bool[Array, "swarms"]) -> None:
         """Keep iterates of scenarios that are safe as a whole and cheaper than any before."""

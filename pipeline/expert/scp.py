@@ -58,6 +58,9 @@ SEED_LOOK = 15.0  # pairs of a seed nearer than this plus the collision radius a
 SHIFT = 1.5  # standard deviation of further starts' random shifts of gaps, in collision radii
 PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut that can be met
 MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
+# Rounds in which a cluster's largest slack stays the same, after which another start is likelier,
+# too, and the share of a slack up to which it is the same
+STALLED, SAME = 2, 0.02
 
 STILL = 1e-10  # share of a typical control up to which a change of a control is none
 FEW = 3  # craft of a cluster up to which one mixed-integer program has all of them
@@ -104,6 +107,8 @@ class Search:
         # Craft whose part of the reference is known to be safe, whose cluster is not done, and
         # whose cluster's program failed.
         self.accepted, self.active, self.failed = np.zeros((3, len(self.swarm)), dtype=bool)
+        # Largest slack of the last program of each craft's cluster, m, and rounds since it changed.
+        self.slack, self.stalled = np.zeros(len(self.swarm)), np.zeros(len(self.swarm), dtype=int)
         controls = self.batch.optima.controls.copy()
         # The newest trajectory.
         self.iterate = Trajectory(controls, fly(self.batch.initial, controls, self.problem))
@@ -159,15 +164,29 @@ class Search:
         return near
 
     def _first_shift(self, start: int) -> Vectors | float:
-        """Random shifts of the first gaps, which change the sides on which craft pass."""
+        """Random shifts of the first gaps, which change the sides on which craft pass.
+
+        Of each cut; after a loss of thrust, where a pair has many cuts, in every other start of
+        each pair. Of either kind there are scenarios that only the other finds a plan for.
+        """
         if not start:
             return 0.0
+        of_pairs = self.task.requirements.passive_safety is not None and start % 2 == 1
         shift = np.zeros((len(self.cuts), 3))
         for of_swarm in groups(self.swarm[self.cuts.first]):
-            rng = np.random.default_rng(start)
+            rng, which = np.random.default_rng(start), np.arange(len(of_swarm))
+            if of_pairs:
+                ends = np.stack([self.cuts.first[of_swarm], self.cuts.second[of_swarm]])
+                which = np.unique(ends, axis=1, return_inverse=True)[1].ravel()
             scale = self.problem.collision_radius * SHIFT
-            shift[of_swarm] = rng.normal(scale=scale, size=(len(of_swarm), 3))
+            shift[of_swarm] = rng.normal(scale=scale, size=(which.max() + 1, 3))[which]
         return shift
+
+    def _stuck(self) -> Bool[Array, "scenarios"]:
+        """Mask of the scenarios with a cluster whose slack has stayed the same for too long."""
+        if self.task.requirements.passive_safety is None:
+            return np.zeros(len(self.batch.scenarios), dtype=bool)
+        return self._scenarios(self.stalled >= STALLED)
 
     def run(self) -> list[SearchResult]:
         """Solve and check until every cluster is done."""
@@ -175,10 +194,11 @@ class Search:
         if self.task.requirements.passive_safety is not None:
             most = min(most, MOST_ROUNDS_PASSIVE)
         for _ in range(most):
-            if not self.active.any():
+            going = self.active & ~self._stuck()[self.swarm]
+            if not going.any():
                 break
-            self.incumbents.begin_round(self.active)
-            clusters = self._solve(self._clusters(self.active))
+            self.incumbents.begin_round(going)
+            clusters = self._solve(self._clusters(going))
             if clusters:
                 self._check(clusters)
         kept = self.accepted & (self.active | self.failed)
@@ -323,6 +343,16 @@ class Search:
         k = int(best.slack.argmax())
         i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
         self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
+        self._note_stalling(craft, cuts, best.slack)
+
+    def _note_stalling(self, craft: Cluster, cuts: Int[Array, "_"], slack: Values) -> None:
+        """Count the rounds in which the largest slack of a program's clusters stays the same."""
+        largest = np.zeros(len(self.swarm))
+        np.maximum.at(largest, self.labels[self.cuts.first[cuts]], slack)
+        now, before = largest[self.labels[craft]], self.slack[craft]
+        same = (now > SLACK_TOLERANCE) & (np.abs(now - before) <= SAME * now)
+        self.stalled[craft] = np.where(same, self.stalled[craft] + 1, 0)
+        self.slack[craft] = now
 
     def _optimum(
         self,
@@ -391,7 +421,8 @@ class Search:
         predicted = self._predicted_gains() if safe else np.zeros(0)
         for craft in safe:
             self._accept(craft, float(predicted[craft[0]]))
-        self.incumbents.update(self.iterate.controls, ~self._scenarios(unsafe | self.failed))
+        wrong = self._scenarios(unsafe | self.failed) | self._stuck()
+        self.incumbents.update(self.iterate.controls, ~wrong)
         if broken.any():
             again = self._scenarios(found.first[broken])[self.swarm[found.first]]
             self._set_cuts(self.cuts + found[again & (self.active[found.first] | broken)])
@@ -429,7 +460,7 @@ class Search:
         before = self._objective(self.reference, craft)
         gained = before - fuel if self.accepted[craft].all() else np.inf
         self.reference.set(craft, self.iterate[craft])
-        self.accepted[craft] = True
+        self.accepted[craft], self.stalled[craft] = True, 0
         bound = self.batch.objective_of(self.batch.optima.lower_bound[craft], craft)
         gap = gap_of(fuel, bound, self.problem)
         self.active[craft] = not (

@@ -48,7 +48,7 @@ class Settings:
     look_ahead: float = 0.5
     cut_spread: float = 0.0
     max_rounds: int = 60
-    passive_safety_starts: int = 8
+    passive_safety_starts: int = 16
     solver: Solver = "simplex"
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from judge import Case, closest_adrift
 from judge.adrift import distance_adrift
 
 from pipeline.errors import InputError
-from pipeline.expert import solve, solve_many
+from pipeline.expert import Settings, solve, solve_many
 from pipeline.expert.cuts import gaps, half_spaces, passive_safety_cuts
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.partition import swarm_partition
@@ -17,7 +17,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, meet_goal
 from pipeline.plan.judge import Draft, certified_plan
-from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE
+from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
 from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import BASELINES
 from pipeline.scenario import FAMILIES, Scenario, draw
@@ -69,6 +69,27 @@ def test_plans_that_are_not_asked_for_it_are_told_as_the_judge_finds_them():
         assert again.status == (SOLVED if stands else UNSAFE)
         told.append(stands)
     assert set(told) == {True, False}
+
+
+TWO_ORBITS = Requirements(passive_safety=2.0)
+
+
+def test_a_search_that_is_stuck_ends_long_before_its_rounds_do():
+    """It says which craft is the cause; of its 30 rounds most would leave the same slack."""
+    scenarios = [draw("dense", 0, 7, k, PROBLEM, "valid") for k in (87, 37)]
+    once = Settings(passive_safety_starts=0)
+    stuck, other = solve_many(scenarios, settings=once, requirements=TWO_ORBITS)
+    assert other.status == SOLVED and other.convex_solves > stuck.convex_solves
+    assert stuck.status == UNSOLVED and stuck.convex_solves < 15
+    assert "the last program could not keep craft" in stuck.message
+
+
+def test_further_starts_find_a_way_past_craft_adrift():
+    """Where the first search finds none, the next does."""
+    scenario = draw("dense", 0, 10, 4, PROBLEM, "train")
+    plan = solve(scenario, settings=Settings(passive_safety_starts=1), requirements=TWO_ORBITS)
+    assert plan.status == SOLVED
+    assert adrift(plan, 2.0).distance > PROBLEM.collision_radius
 
 
 QUICK = Problem(time_step=10.0, nodes=7)
