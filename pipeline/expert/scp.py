@@ -58,8 +58,8 @@ SEED_LOOK = 15.0  # pairs of a seed nearer than this plus the collision radius a
 SHIFT = 1.5  # standard deviation of further starts' random shifts of gaps, in collision radii
 PENALTY = 1e3  # of a metre of slack, in Δt⁻²: above the dual of any cut that can be met
 MOST_ROUNDS_PASSIVE = 30  # after which another start is likelier to be passively safe
-# Rounds in which a cluster's largest slack stays the same, after which another start is likelier,
-# too, and the share of a slack up to which it is the same
+# Rounds in which a cluster's largest slack stays the same, after which another start is likelier to
+# be passively safe, too; and the share of a slack up to which it is the same
 STALLED, SAME = 2, 0.02
 
 STILL = 1e-10  # share of a typical control up to which a change of a control is none
@@ -166,8 +166,9 @@ class Search:
     def _first_shift(self, start: int) -> Vectors | float:
         """Random shifts of the first gaps, which change the sides on which craft pass.
 
-        Of each cut; after a loss of thrust, where a pair has many cuts, in every other start of
-        each pair. Of either kind there are scenarios that only the other finds a plan for.
+        Each cut has its own; after a loss of thrust, where a pair has many cuts, all of a pair have
+        the same in every other start. Some scenarios are solved with the one kind of shifts alone,
+        some with the other.
         """
         if not start:
             return 0.0
@@ -184,8 +185,6 @@ class Search:
 
     def _stuck(self) -> Bool[Array, "scenarios"]:
         """Mask of the scenarios with a cluster whose slack has stayed the same for too long."""
-        if self.task.requirements.passive_safety is None:
-            return np.zeros(len(self.batch.scenarios), dtype=bool)
         return self._scenarios(self.stalled >= STALLED)
 
     def run(self) -> list[SearchResult]:
@@ -343,7 +342,8 @@ class Search:
         k = int(best.slack.argmax())
         i, j = self.cuts.first[cuts[k]], self.cuts.second[cuts[k]]
         self.incumbents.note_slack(int(i), int(j), float(best.slack[k]))
-        self._note_stalling(craft, cuts, best.slack)
+        if self.task.requirements.passive_safety is not None:
+            self._note_stalling(craft, cuts, best.slack)
 
     def _note_stalling(self, craft: Cluster, cuts: Int[Array, "_"], slack: Values) -> None:
         """Count the rounds in which the largest slack of a program's clusters stays the same."""
