@@ -264,6 +264,7 @@ def write(made: torch.onnx.ONNXProgram, path: Path, axes: Axes, about: Mapping[s
     for node in made.model.graph.all_nodes():
         node.metadata_props.clear()  # where in the source each node comes from
     proto = made.model_proto
+    proto.graph.ClearField("value_info")  # shapes in between, which all that read files find again
     for value in (*proto.graph.input, *proto.graph.output):
         for axis, name in zip(value.type.tensor_type.shape.dim, axes[value.name], strict=False):
             if name is not None and axis.HasField("dim_param"):

@@ -324,7 +324,8 @@ def _facet_met(
     value = part @ dual.T  # (C, F)
     first = value.argmax(dim=1)
     best = value.gather(1, first[:, None])
-    weight = (table[first] @ part[..., None])[..., 0]
+    # By an index an ONNX file would keep a transposed copy of the table for each use.
+    weight = (table.index_select(0, first) @ part[..., None])[..., 0]
     wrong = weight.amin(dim=1) < -ROUNDING * weight.abs().sum(dim=1)
 
     def inner() -> Tensor:
@@ -334,7 +335,7 @@ def _facet_met(
         return torch.where(near, least, -torch.inf).argmax(dim=1)
 
     facet = where(wrong, inner, first)
-    return facet, table[facet]
+    return facet, table.index_select(0, facet)
 
 
 class Tableau(NamedTuple):
