@@ -13,7 +13,7 @@ from pipeline.plan.certificate import certify, gap_of
 from pipeline.plan.document import plan_document
 from pipeline.plan.judge import Draft, certified_plan
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED
-from pipeline.plan.requirements import Requirements
+from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import Scenario
 
 FREE = Problem(mean_motion=1e-12, time_step=10.0, nodes=4)
@@ -147,6 +147,19 @@ def test_an_obstacle_met_at_a_node_is_counted_beside_a_scenario_without():
     flown = (np.concatenate([one, one]) for one in (states, controls))
     found = certify(both, *flown, [(0.0, "")] * 2)
     assert [one.node_collisions for one in found] == [0, 1]
+
+
+def test_a_risk_is_of_all_that_craft_may_do_between_states_that_break_the_dynamics():
+    """At rest 50 m apart; by its states one is 20 m nearer for a moment, which no motion is."""
+    controls, asked = np.zeros((2, 3, 3)), Requirements(risk=RiskLimit(0.01, 0.1))
+    scenario, states = scenario_of([0] * 6, [50.0, 0, 0, 0, 0, 0], controls=controls)
+    risks = []
+    for nearer in (0.0, 20.0):
+        states[1, 1, 0] -= nearer
+        (found,) = certify([scenario], states, controls, [(0.0, "")], asked)
+        risks.append(found.risk.bound)
+    assert risks[0] < 1e-9  # hundreds of standard deviations of 0.1 m
+    assert risks[1] >= 1  # 30 m apart and 20 m off: within 15 m for all that is known
 
 
 def test_a_plan_beyond_the_thrust_limit_is_not_solved():
