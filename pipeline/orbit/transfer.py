@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
 from pipeline.orbit.arrays import (
     AnyControls,
@@ -224,11 +224,10 @@ def straight_line(initial: AnyState, goal: AnyState, nodes: int) -> AnyStates:
 def with_coasts(controls: Controls, problem: Problem) -> Controls:
     """The controls with exact zeros where only rounding is left; final states stay as they are.
 
-    A craft's other controls compensate for what is dropped; where they cannot, nothing is dropped.
+    A craft's other controls compensate for what is dropped. Where they cannot, or one would become
+    rounding itself, nothing is dropped; so what is set to zero once leaves nothing to set to zero.
     """
-    size = np.abs(controls)
-    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
-    burns = size > COAST * largest
+    burns = _are_burns(controls, problem)
     kept = np.where(burns, controls, 0.0)
     reach, weight = transfer_maps(problem).reach[-1], state_weight(problem)
     dropped = (controls - kept).reshape(len(controls), -1)
@@ -236,11 +235,18 @@ def with_coasts(controls: Controls, problem: Problem) -> Controls:
     for k in np.flatnonzero(np.abs(change).max(axis=1) > UNCHANGED).tolist():
         columns = weight[:, None] * reach[:, burns[k].ravel()]
         added = np.linalg.lstsq(columns, change[k])[0]
-        if np.abs(columns @ added - change[k]).max() > UNCHANGED:
+        kept[k][burns[k]] += added
+        same = np.abs(columns @ added - change[k]).max() <= UNCHANGED
+        if not same or (_are_burns(kept[k : k + 1], problem) != burns[k]).any():
             kept[k] = controls[k]
-        else:
-            kept[k][burns[k]] += added
     return kept
+
+
+def _are_burns(controls: Controls, problem: Problem) -> Bool[Array, "n intervals 3"]:
+    """Mask of the controls that are more than rounding beside the largest of their craft."""
+    size = np.abs(controls)
+    largest = np.maximum(size.max(axis=(1, 2), keepdims=True), problem.evasive_control)
+    return np.asarray(size > COAST * largest)
 
 
 def track(

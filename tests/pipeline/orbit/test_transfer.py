@@ -174,3 +174,13 @@ def test_coasts_are_exact_zeros_and_every_goal_is_met_as_before():
         wanted = step_by_step(start, clean + size * noise, REFERENCE)[:, -1]
         np.testing.assert_allclose(step_by_step(start, found, REFERENCE)[:, -1], wanted, atol=1e-8)
     np.testing.assert_array_equal(with_coasts(clean, REFERENCE), clean)
+
+
+@pytest.mark.parametrize("off", [1e-9, 1e-8, 1e-3])
+def test_of_coasts_nothing_is_left_to_set_to_zero(off):
+    """Near half an orbit controls are so large that what is dropped moves craft by metres."""
+    problem = Problem(time_step=(1 + off) * np.pi / REFERENCE.mean_motion)
+    start, goal = ends(n=10)
+    lines = straight_line(start, goal, problem.nodes)
+    once = with_coasts(project_to_flyable(lines, start, goal, problem), problem)
+    np.testing.assert_array_equal(with_coasts(once, problem), once)
