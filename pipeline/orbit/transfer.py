@@ -41,7 +41,7 @@ def transfer_maps(problem: Problem) -> TransferMaps:
     """State transition matrices and control maps of all nodes, cached by orbit and time grid."""
     A, B = step_maps(problem)
     T, weight = problem.nodes, state_weight(problem)
-    reach, within = np.zeros((T, 6, 3 * (T - 1))), np.empty((T, 6, 6))
+    reach, within = np.zeros((T, 6, 3 * (T - 1))), np.zeros((T, 6, 6))
     for t in range(1, T):
         within[t] = A[t - 1] @ within[t - 1] if (t - 1) % AT_ONCE else A[t - 1]
         reach[t] = A[t - 1] @ reach[t - 1]
