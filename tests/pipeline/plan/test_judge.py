@@ -9,7 +9,7 @@ from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import fly
 from pipeline.plan.certificate import certify
-from pipeline.plan.judge import violations, with_status
+from pipeline.plan.judge import is_computable, violations, with_status
 from pipeline.plan.plan import SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.scenario import Scenario
@@ -63,3 +63,10 @@ def test_craft_and_obstacles_that_come_too_close_are_named_with_how_much_and_whe
         wrong = violations(Plan(scenario, "", "", states, controls, certificate))
         # 3 m apart in passing, where they would have to be 4 m
         assert wrong == {"separation": f"craft 0 comes 1 m too close to {who} at 15 s"}
+
+
+def test_craft_are_lost_beyond_a_billion_kilometres_at_a_node_or_by_their_controls_between():
+    states, controls = np.zeros((3, 4, 6)), np.zeros((3, 3, 3))
+    states[1, 2, 0] = 1.1e12
+    controls[2, 1, 1] = 1.1e12 / PROBLEM.time_step**2
+    assert is_computable(states, controls, PROBLEM).tolist() == [True, False, False]
