@@ -164,7 +164,7 @@ class Search:
         return near
 
     def _first_shift(self, start: int) -> Vectors | float:
-        """Random shifts of the first gaps, which change the sides on which craft pass.
+        """Random shifts of the relative positions of the first cuts: craft pass on other sides.
 
         Each cut has its own; after a loss of thrust, where a pair has many cuts, all of a pair have
         the same in every other start. Some scenarios are solved with the one kind of shifts alone,
@@ -346,7 +346,7 @@ class Search:
             self._note_stalling(craft, cuts, best.slack)
 
     def _note_stalling(self, craft: Cluster, cuts: Int[Array, "_"], slack: Values) -> None:
-        """Count the rounds in which the largest slack of a program's clusters stays the same."""
+        """Count consecutive rounds in which the largest slack of each cluster stays the same."""
         largest = np.zeros(len(self.swarm))
         np.maximum.at(largest, self.labels[self.cuts.first[cuts]], slack)
         now, before = largest[self.labels[craft]], self.slack[craft]
@@ -421,6 +421,7 @@ class Search:
         predicted = self._predicted_gains() if safe else np.zeros(0)
         for craft in safe:
             self._accept(craft, float(predicted[craft[0]]))
+        # Scenarios that are stuck are not checked again, so none of their craft is found unsafe.
         wrong = self._scenarios(unsafe | self.failed) | self._stuck()
         self.incumbents.update(self.iterate.controls, ~wrong)
         if broken.any():

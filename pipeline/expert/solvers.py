@@ -136,7 +136,7 @@ def _highs_basis(known: Basis) -> highspy.HighsBasis:
 
 
 def _last(sub: Subproblem, basic: Int[Array, "rows"]) -> Basis | None:
-    """Convert HiGHS' basic variables, rows by -1 less their index; None where a goal's is one."""
+    """Basis from HiGHS' basic variables, row k as -1 - k; None where the row of a goal is basic."""
     n, m, k = sub.shape
     column, row = np.zeros(2 * n * m + k, dtype=bool), np.zeros(6 * n + k, dtype=bool)
     column[basic[basic >= 0]] = True

@@ -22,7 +22,7 @@ from pipeline.orbit.problem import MOST_NODES, RANGES, Problem, once_per_motion
 COAST = 1e-7  # share of a craft's largest control below which a control is rounding, no burn
 UNCHANGED = 1e-9  # change of a final state that counts as zero, m; velocities over e
 REGULAR = 1e9  # condition number up to which a map counts as invertible
-AT_ONCE = 64  # intervals flown by one product, whose size grows with their square
+AT_ONCE = 64  # intervals of a block, flown by one product, whose size grows with their square
 ORBIT_INTERVALS = 16  # least number of intervals into which an orbit of free drift is cut
 
 
@@ -33,7 +33,7 @@ class TransferMaps:
     drift: Float[Array, "T 6 6"]  # state transition matrices, powers of A about a circle
     reach: Float[Array, "T 6 m"]  # from flattened controls to each node's state, m = 3(T-1)
     to_goal: Float[Array, "m 6"]  # pseudo-inverse of reach[T], which gives least-energy controls
-    within: Float[Array, "T 6 6"]  # as drift, but from the last node before it of each AT_ONCE
+    within: Float[Array, "T 6 6"]  # as drift, but from the block's first node
 
 
 @once_per_motion
@@ -123,7 +123,7 @@ def fly(initial: AnyState, controls: AnyControls, problem: Problem) -> AnyStates
 
 
 def _pushed(controls: AnyControls, maps: TransferMaps) -> AnyStates:
-    """The node states to which controls, m/s², lead from rest at the origin."""
+    """Forced response: node states from controls, m/s², where the initial state is zero."""
     batch, intervals = controls.shape[:-2], controls.shape[-2]
     found = np.zeros((*batch, intervals + 1, 6))
     for k in range(0, intervals, AT_ONCE):

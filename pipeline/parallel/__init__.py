@@ -5,7 +5,7 @@ import gc
 
 
 def collect_garbage_seldom() -> None:
-    """Collect garbage seldom in this process, and not at its exit.
+    """Run Python's garbage collector seldom in this process, and not at its exit.
 
     Objects that imports make live as long as the process. A command takes a fifth less time so, and
     trainings by worker processes a fifth less CPU time.

@@ -272,11 +272,10 @@ class _Candidates:
             of_use = allowed_goals(*ends, problem, asked.orbits, radii, scenario.obstacles)
             self.allowed = np.where(of_use, self.allowed, np.inf)
             self.first = next(ranked(self.allowed), None)
-            too_close = "too close to another or to an obstacle"
-            if not scenario.sized:
-                too_close = "within collision_radius of another after the plan"
-            before = f"{self.forbidden}, or " * bool(scenario.corridors)
-            self.forbidden = f"{before}a craft adrift comes {too_close}"
+            adrift = "a craft adrift comes within collision_radius of another after the plan"
+            if scenario.sized:
+                adrift = "a craft adrift comes too close to another or to an obstacle"
+            self.forbidden = f"{self.forbidden}, or {adrift}" if scenario.corridors else adrift
 
     def others(self) -> list[Slots]:
         """Assignments that may be better than the first: the next best, and the given order.

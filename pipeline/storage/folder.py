@@ -129,7 +129,7 @@ class Folder:
             self.files.move(name, to)
 
     def _listed(self, *, recursive: bool) -> list[Any]:
-        """What Arrow tells of files and folders inside, or also below; none where it is missing."""
+        """Arrow's FileInfo of all inside, or of all below it; none where the folder is missing."""
         inside = fs.FileSelector("", allow_not_found=True, recursive=recursive)
         with self._reaching():
             try:

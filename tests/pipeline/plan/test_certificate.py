@@ -150,7 +150,7 @@ def test_an_obstacle_met_at_a_node_is_counted_beside_a_scenario_without():
 
 
 def test_a_risk_is_of_all_that_craft_may_do_between_states_that_break_the_dynamics():
-    """At rest 50 m apart; by its states one is 20 m nearer for a moment, which no motion is."""
+    """Two craft at rest 50 m apart; the states put one of them 20 m nearer at one node."""
     controls, asked = np.zeros((2, 3, 3)), Requirements(risk=RiskLimit(0.01, 0.1))
     scenario, states = scenario_of([0] * 6, [50.0, 0, 0, 0, 0, 0], controls=controls)
     risks = []

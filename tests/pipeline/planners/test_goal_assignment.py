@@ -185,8 +185,7 @@ def test_nothing_is_proven_of_orders_that_were_not_tried():
 
 
 def test_an_order_that_was_merely_not_solved_is_not_refuted_with_another():
-    """Of two orders one is infeasible; an expert of no rounds finds no plan for the other, ours
-    does."""
+    """Of two orders one is infeasible; for the other an expert without rounds finds no plan."""
     scenario = between_starts(2, 20, 70, 60.0)
     orders = [scenario.taking(one) for one in permutations(range(2))]
     assert {solve(one, requirements=ADRIFT).status for one in orders} == {INFEASIBLE, SOLVED}
@@ -195,7 +194,7 @@ def test_an_order_that_was_merely_not_solved_is_not_refuted_with_another():
 
 
 def along_track(*y):
-    """Craft at rest at places along-track, m."""
+    """States of craft at rest at along-track positions, m."""
     at = np.array(y, dtype=float)
     return pro_states(1e-9, 0.0, np.zeros(len(at)), 0.0, Problem().mean_motion, at)
 
