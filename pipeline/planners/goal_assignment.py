@@ -310,7 +310,7 @@ class _Candidates:
             return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
             forbidden = PROVEN.format(self.forbidden)
-            plan = replace(plan, message=f"{forbidden}; for this one, {plan.message}")
+            plan = replace(plan, message=f"{forbidden}; in this assignment, {plan.message}")
         elif plan.status == INFEASIBLE and not self._all_infeasible():
             reason = f"no plan found for {len(tried)} assignments; for this one, {plan.message}"
             plan = replace(plan, status=UNSOLVED, message=reason)
