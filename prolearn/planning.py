@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from cli.jobs.planner import planner_of
 from pipeline.errors import InputError, check_kind, check_range
@@ -12,7 +10,7 @@ from pipeline.expert.settings import Effort
 from pipeline.flight.effects import Effect, effects
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, TrialSettings, flight_loops, fly_loops
-from pipeline.flight.summary import Summary, summarize, trials_figure
+from pipeline.flight.summary import Summary, summarize
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
 from pipeline.plan.plan import Plan
@@ -22,8 +20,11 @@ from pipeline.planners.planner import Planner, plans_of
 from pipeline.scenario import Scenario, scenario_list
 from pipeline.scenario import check as refuse_formations
 from pipeline.scenario.scenario import FURTHEST
-from pipeline.tradeoff import Goal, Point, arcs_between
-from pipeline.tradeoff import tradeoff as planned_for
+from pipeline.tradeoff.curve import Goal, Point, arcs_between
+from pipeline.tradeoff.curve import tradeoff as planned_for
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def plan(
@@ -143,8 +144,10 @@ class MonteCarlo:
     trials: Mapping[str, Trials] = field(repr=False)
     summaries: tuple[Summary, ...]  # of each loop: shares with intervals, medians
 
-    def figure(self) -> Figure:
+    def figure(self) -> "Figure":
         """For separation, error at the goal and Δv, the share of trials at or below a value."""
+        from pipeline.flight.figure import trials_figure  # slow to import, as all that draws
+
         asked, flown = self.plan.scenario, self.summaries[0].trials
         title = f"{asked.headline}, {flown} trials"
         return trials_figure(self.trials, asked.problem.collision_radius, self.size, title)

@@ -4,26 +4,24 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from reprlib import repr as brief
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_kind, list_if_iterable, missing_extra_hint
 from pipeline.figures.labels import label_name
-from pipeline.figures.style import in_style, make_visible, save
-from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import path_of, write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario
-from pipeline.show import page
-from pipeline.tradeoff import Point, knee_of, tradeoff_figure
+from pipeline.tradeoff.curve import Point, knee_of
 from prolearn.planning import MonteCarlo
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STEPS = 24  # points drawn in each interval
 HEIGHT = 1040  # of a page in a notebook, pixels: 700 wide, its bar covers nothing of the motion
@@ -55,26 +53,28 @@ class Page:
 class Plot:
     """A figure that a notebook shows in place."""
 
-    figure: Figure  # matplotlib's
+    figure: "Figure"  # matplotlib's
 
     def write(self, path: str | Path) -> Path:
         """Write it into a file, which appears whole, as its ending says: .png or .svg."""
+        from pipeline.figures.style import save  # slow to import, and only figures need it
+
         target = path_of(path)
         if target.suffix not in (".png", ".svg"):
             raise InputError(f"the figure is to be {target}; expected a name in .png or .svg.")
         save(self.figure, target.with_suffix(""), [target.suffix])
         return target
 
-    @in_style
     def _repr_png_(self) -> bytes:
-        content = BytesIO()
-        make_visible(self.figure)
-        self.figure.savefig(content, format="png", dpi=DPI)
-        return content.getvalue()
+        from pipeline.figures.style import png
+
+        return png(self.figure, DPI)
 
 
 def show(plan: Plan, name: str = "plan") -> Page:
     """A page of a plan: paths with a slider, separations, controls, certificate, found anew."""
+    from pipeline.show import page  # slow to import, and only pages need it
+
     check_kind("plan", plan, Plan)
     check_kind("name", name, str)
     return Page(page(plan, name)[0])
@@ -86,6 +86,10 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     Raises:
         InputError: for nothing at all, what is none of these, or plans of several scenarios.
     """
+    # Slow to import, and only figures need them
+    from pipeline.figures.transfer import Example, transfer_figure
+    from pipeline.tradeoff.figure import tradeoff_figure
+
     if isinstance(what, MonteCarlo):
         return Plot(what.figure())
     each = list_if_iterable(what)

@@ -98,6 +98,8 @@ import os, sys
 def without(unneeded):
     assert not unneeded & {*sys.modules}, unneeded & {*sys.modules}
 
+import prolearn
+without({"matplotlib", "scipy", "jinja2", "pandas", "torch", "mlflow"})
 import pipeline.dataset.verifying, pipeline.experiments.flights
 unneeded = {"mlflow", "jinja2", "matplotlib"}
 without(unneeded | {"torch"})
@@ -112,7 +114,7 @@ os._exit(0)  # to take apart all that was imported takes as long as half of it
 """
 
 
-def test_workers_import_nothing_that_they_do_not_need_and_lists_and_reports_no_torch():
+def test_prolearn_and_workers_import_nothing_that_they_do_not_need_and_reports_no_torch():
     """Of MLflow, Jinja2 and Matplotlib no worker needs any, and PyTorch only those that train."""
     done = subprocess.run([sys.executable, "-c", APART], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

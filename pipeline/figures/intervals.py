@@ -4,14 +4,15 @@ A claim about a threshold holds where the whole interval meets it, fails where t
 misses it, and is open (None) where the threshold lies within.
 """
 
+from statistics import NormalDist
+
 import numpy as np
-from scipy import special  # scipy.stats takes half a second to import
 
 from pipeline.arrays import Array, Float
 
 CONFIDENCE = 0.95  # of every interval
 
-NORMAL_QUANTILE = float(special.ndtri(0.5 + CONFIDENCE / 2))
+NORMAL_QUANTILE = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
 """Two-sided quantile of the standard normal distribution at that confidence."""
 
 ConfidenceInterval = tuple[float, float]
@@ -84,7 +85,9 @@ def mean_interval(values: Float[Array, "k"]) -> ConfidenceInterval:
 
 def _t_quantile(freedom: int) -> float:
     """Two-sided quantile of Student's t distribution with so many degrees of freedom."""
-    return float(special.stdtrit(freedom, 0.5 + CONFIDENCE / 2))
+    from scipy.special import stdtrit  # slow to import
+
+    return float(stdtrit(freedom, 0.5 + CONFIDENCE / 2))
 
 
 def newcombe(first: Float[Array, "k"], second: Float[Array, "k"]) -> ConfidenceInterval:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from itertools import cycle
 from pathlib import Path
 from threading import RLock
@@ -116,6 +117,15 @@ def make_visible(figure: Figure) -> None:
     """Replace what cannot be drawn or seen in a figure's texts, as names from files, by escapes."""
     for text in figure.findobj(Text):
         text.set_text(visible(text.get_text()))
+
+
+@in_style
+def png(figure: Figure, dpi: int) -> bytes:
+    """A figure as a PNG file's content, laid out as it is."""
+    content = BytesIO()
+    make_visible(figure)
+    figure.savefig(content, format="png", dpi=dpi)
+    return content.getvalue()
 
 
 @in_style

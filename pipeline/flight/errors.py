@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
-from scipy.special import ndtri
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_whole
@@ -151,6 +150,8 @@ def draws(seed: int, trials: range, n: int, intervals: int) -> Draws:
     bias, noise, burn, lag, missed = _uniform(seed, trials, *shapes)
     (thruster,) = _uniform(seed + SEEDS, trials, (n, 4))
     (loss,) = _uniform(seed + 2 * SEEDS, trials, (3,))
+    from scipy.special import ndtri  # slow to import, and only trials need it
+
     # 0, whose normal number is infinite, is replaced by a number close to it.
     normal = (ndtri(np.maximum(u, 2.0**-54)) for u in (bias, noise, burn, lag, thruster))
     bias, noise, burn, lag, thruster = normal

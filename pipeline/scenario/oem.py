@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from scipy.interpolate import KroghInterpolator
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError
@@ -65,6 +64,8 @@ class Segment:
 
     def _interpolated(self, chosen: slice, time: float) -> Float[Array, "6"]:
         """Interpolation by the polynomial through some of the states, in scaled time."""
+        from scipy.interpolate import KroghInterpolator  # slow to import, and only files need it
+
         unit = self.times[chosen][-1] - self.times[chosen][0]
         at, states = (self.times[chosen] - time) / unit, self.states[chosen]
         if self.method != "HERMITE":

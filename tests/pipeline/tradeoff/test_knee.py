@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pipeline import tradeoff
+from pipeline.tradeoff import curve
 
 
 def knee(time, cost):
-    return tradeoff.knee(np.array(time, dtype=float), np.array(cost, dtype=float))
+    return curve.knee(np.array(time, dtype=float), np.array(cost, dtype=float))
 
 
 def test_the_corner_of_two_straight_lines_is_the_knee():
