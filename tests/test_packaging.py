@@ -106,6 +106,13 @@ without(unneeded | {"torch"})
 if child := os.fork():
     import cli.jobs.training
     without(unneeded)
+    import torch
+    from pipeline.networks.recipes import RECIPES
+    from pipeline.training.loop import Descent
+
+    network = torch.nn.Linear(1, 1)
+    Descent(network, RECIPES["tuned"], steps=1).step(network(torch.ones(1, 1)).sum())
+    without({"torch._dynamo"})
     assert os.waitpid(child, 0)[1] == 0
 else:
     import cli.jobs.report

@@ -5,6 +5,7 @@ import time
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from inspect import unwrap
 
 import numpy as np
 import torch
@@ -74,12 +75,20 @@ class TrainingObjective:
         return total / len(data)
 
 
+class _Adam(torch.optim.Adam):
+    """Adam without torch's compiler, which the methods below import, for a second, to avoid it."""
+
+    add_param_group = unwrap(torch.optim.Optimizer.add_param_group)
+    zero_grad = unwrap(torch.optim.Optimizer.zero_grad)
+    step = torch.no_grad()(unwrap(torch.optim.Adam.step))
+
+
 class Descent:
     """Adam with a recipe's learning-rate schedule, gradient clipping and weight averaging."""
 
     def __init__(self, network: nn.Module, recipe: Recipe, steps: int) -> None:
         self.network = network
-        self.optimizer = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
+        self.optimizer = _Adam(network.parameters(), lr=recipe.learning_rate)
         self._limit = recipe.gradient_limit
         cosine = recipe.schedule == COSINE
         self._schedule = CosineAnnealingLR(self.optimizer, T_max=steps) if cosine else None

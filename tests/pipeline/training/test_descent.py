@@ -43,6 +43,17 @@ def test_the_rate_stays_or_falls_along_half_a_cosine():
     assert rates(descent(schedule="cosine"), 5) == pytest.approx(wanted, abs=1e-12)
 
 
+def test_the_steps_are_those_of_torch_s_adam_to_the_bit():
+    down, copy = descent(), descent().network
+    adam = torch.optim.Adam(copy.parameters(), lr=0.1)
+    for size in (1.0, 100.0, 1e-3):
+        step(down, size)
+        adam.zero_grad()
+        (size * copy(torch.ones(5, 3)).square().sum()).backward()
+        adam.step()
+        assert torch.equal(weight(down.network), weight(copy))
+
+
 def test_a_gradient_longer_than_its_limit_is_cut_to_it_and_a_shorter_one_is_left():
     for size, limit, cut in ((100.0, 0.5, True), (1e-3, 0.5, False), (100.0, 0.0, False)):
         free, held = descent(), descent(gradient_limit=limit)
