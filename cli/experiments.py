@@ -109,9 +109,10 @@ def _run(
     """Run an experiment, by workers of its own if it has a context, and print its run."""
     from cli.jobs.run_tables import averages
 
-    workers = {} if context is None else {"workers": workers_of(context, how)}
+    workers = None if context is None else workers_of(context, how)
     with stdout_for_document(how.as_json), progress(doing) as shown:
-        outcome = job(settings, progress=shown, resume=how.resume, **workers)
+        by = {"workers": workers.telling(shown)} if workers else {"progress": shown}
+        outcome = job(settings, resume=how.resume, **by)
         rows = averages(outcome.run_id) if how.as_json else []
     when = " before" if outcome.earlier else ""
     said = f"{done}{when}; MLflow run {outcome.run_id}. Next: prolearn report"

@@ -120,9 +120,8 @@ def _fly_trials(
     errors = errors_of(settings.errors, settings.error or [])
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        loops = fly_trials(
-            plan, conditions, errors, folder, settings, workers=workers, progress=shown
-        )
+        by = workers.telling(shown)
+        loops = fly_trials(plan, conditions, errors, folder, settings, workers=by)
     required = plan.requirements if settings.replan == "every-node" else None
     if as_json:
         about = {"plan": str(path), "folder": str(folder)}

@@ -192,9 +192,9 @@ def held_out(
     return HeldOut(settings, manifest.digest(), scenarios, chosen)
 
 
-def check_device(name: str | None, workers: Workers | None) -> None:
+def check_device(name: str | None, workers: Workers) -> None:
     """Raise InputError for a torch device that workers of this machine would not have."""
-    if name is not None and (workers is None or workers.scheduler is None):
+    if name is not None and workers.scheduler is None:
         torch_device(name)
 
 
@@ -204,13 +204,10 @@ def listed(values: Iterable[object]) -> str:
 
 
 def evaluate(
-    settings: Evaluation,
-    *,
-    workers: Workers | None = None,
-    resume: bool = False,
-    progress: Progress = SILENT,
+    settings: Evaluation, *, workers: Workers | None = None, resume: bool = False
 ) -> Recorded:
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
+    workers = workers or Workers()
     check_whole("timed", settings.timed, 0, MOST)
     check_device(settings.device, workers)
     sizes = None if settings.sizes is None else int_list(settings.sizes)
@@ -220,9 +217,7 @@ def evaluate(
 
     def run(files: Path, kept: FinishedParts) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
-        tables = run_trials(
-            sizes, timed=settings.timed, workers=workers, kept=kept, progress=progress
-        )
+        tables = run_trials(sizes, timed=settings.timed, workers=workers, kept=kept)
         table = pd.concat(tables, ignore_index=True)
         drawn = scenarios[min(scenarios, key=lambda n: abs(n - NETWORK_SIZE))][0]
         for network in inputs.networks:
@@ -235,7 +230,7 @@ def evaluate(
         "sizes": listed(sorted(scenarios)),
         "planners": listed(planner.label for planner in planners),
     }
-    return inputs.run(EVALUATION, params, run, resume=resume, progress=progress)
+    return inputs.run(EVALUATION, params, run, resume=resume, progress=workers.progress)
 
 
 def warmstart(
@@ -259,13 +254,10 @@ def warmstart(
 
 
 def transfer_times(
-    settings: TransferTimes,
-    *,
-    workers: Workers | None = None,
-    resume: bool = False,
-    progress: Progress = SILENT,
+    settings: TransferTimes, *, workers: Workers | None = None, resume: bool = False
 ) -> Recorded:
     """Experiment 4: the same ends with other transfer times."""
+    workers = workers or Workers()
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     check_device(settings.device, workers)
@@ -282,29 +274,22 @@ def transfer_times(
         return fitting
 
     def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
-        return run_transfer_times(
-            planners, scenarios, varied, workers=workers, kept=kept, progress=progress
-        )
+        return run_transfer_times(planners, scenarios, varied, workers=workers, kept=kept)
 
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
         "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
         "networks": listed(one.evaluated.label for one in inputs.networks),
     }
-    return inputs.run(TRANSFER_TIMES, params, run, resume=resume, progress=progress)
+    return inputs.run(TRANSFER_TIMES, params, run, resume=resume, progress=workers.progress)
 
 
-def flights(
-    settings: Flights,
-    *,
-    workers: Workers | None = None,
-    resume: bool = False,
-    progress: Progress = SILENT,
-) -> Recorded:
+def flights(settings: Flights, *, workers: Workers | None = None, resume: bool = False) -> Recorded:
     """Experiment 5: plans are flown, those of networks made safe first where they are not.
 
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
+    workers = workers or Workers()
     check_flights(settings.flights, settings.seed)
     why = "flights are about orbits of several eccentricities"
     # A refiner alone, since the paper's networks read one T.
@@ -331,9 +316,8 @@ def flights(
             seed=settings.seed,
             workers=workers,
             kept=kept,
-            progress=progress,
         )
 
     params = {"networks": listed(one.evaluated.label for one in inputs.networks)}
     params["larger"] = f"{len(larger)} of n={LARGEST_SIZE}" if larger else ""
-    return inputs.run(FLIGHTS, params, run, resume=resume, progress=progress)
+    return inputs.run(FLIGHTS, params, run, resume=resume, progress=workers.progress)

@@ -18,7 +18,6 @@ from pipeline.flight.summary import Summary, summarize
 from pipeline.flight.world import Conditions, LinearWorld, World, world_of
 from pipeline.parallel.workers import Workers
 from pipeline.plan.plan import Plan
-from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.scenario import FURTHEST
 
@@ -33,7 +32,6 @@ def fly_trials(
     settings: FlownTrials,
     *,
     workers: Workers,
-    progress: Progress = SILENT,
 ) -> Sequence[Summary]:
     """Fly a plan many times, in open and closed loop, into a folder; a summary of each loop."""
     scenario, size, trials = plan.scenario, settings.size, settings.trials or 0
@@ -48,7 +46,7 @@ def fly_trials(
     check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)
     trial_settings = TrialSettings(scenario, world, errors, settings.seed)
     loops = list(flight_loops(plan, errors, planner, sigmas, with_feedback=with_feedback))
-    tables = fly_all(out, trial_settings, loops, trials, workers=workers, progress=progress)
+    tables = fly_all(out, trial_settings, loops, trials, workers=workers)
     radius = scenario.problem.collision_radius
     summaries = [summarize(loop, tables[loop.name], radius, size) for loop in loops]
     _write_table(summaries, out / TABLE)

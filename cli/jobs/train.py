@@ -104,21 +104,21 @@ def train_model(
 
 
 def train_models(
-    tasks: Sequence[training.TrainingTask], workers: Workers, progress: Progress = SILENT
+    tasks: Sequence[training.TrainingTask], workers: Workers
 ) -> list[tuple[ModelVersion, Contest]]:
     """Train several networks at once, each on one thread of a worker; in the order of the tasks.
 
     Each network is registered as soon as it is done, and compared with its champion at the end.
     """
-    progress.expect(len(tasks))
+    workers.progress.expect(len(tasks))
     connect()
     made_by = with_architectures(TRAINED_BY, (task.arch for task in tasks))
     train = partial(training.train_in_worker, made_by, made_with(*made_by))
     done: dict[tuple[str, int], tuple[ModelVersion, pd.DataFrame]] = {}
-    with closing(workers.work(train, tasks, lambda _: None, progress)) as results:
+    with closing(workers.work(train, tasks, lambda _: None)) as results:
         for task, finished in results:
             done[task.arch, task.seed] = _record(task, finished), finished.trials
-            progress.done(note=f"{task.arch}, seed {task.seed}")
+            workers.progress.done(note=f"{task.arch}, seed {task.seed}")
     found = [(*done[task.arch, task.seed], task.settings.data) for task in tasks]
     return [(version, challenge(version, trials, data)) for version, trials, data in found]
 

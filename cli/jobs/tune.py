@@ -18,7 +18,6 @@ from pipeline.networks.architecture import find, unused_fields
 from pipeline.networks.device import torch_device
 from pipeline.networks.recipes import MOST
 from pipeline.parallel.workers import Workers
-from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import completed_trials, drawn_trials, open_study
@@ -90,9 +89,7 @@ class Tuned:
         return f"{self.value:.4g} of {self.objective}"
 
 
-def tune(
-    settings: TuningSettings, *, workers: Workers | None = None, progress: Progress = SILENT
-) -> Tuned:
+def tune(settings: TuningSettings, *, workers: Workers | None = None) -> Tuned:
     """Search until so many trials, earlier ones too, are complete; ProlearnError if none is.
 
     Trials are the same for any workers, by default this process, which alone writes.
@@ -121,7 +118,7 @@ def tune(
                     study.set_user_attr(PARENT, run_id)
                     params = params_of({"arch": settings.arch, "recipe": task.recipe.name})
                     store.client.log_batch(run_id, params=params)
-                _search(study, search, workers, examples if alone else None, run_id, progress)
+                _search(study, search, workers, examples if alone else None, run_id)
             if not (trials := completed_trials(study)):
                 raise ProlearnError(
                     f"No trial of {study.study_name} came to an end: the loss diverged in each; "
@@ -146,10 +143,9 @@ def _search(
     workers: Workers,
     data: Sources | None,
     run_id: str,
-    progress: Progress,
 ) -> None:
     """Make the trials that are left; this process has the data, or each worker reads them."""
-    how, recipe = search.settings, search.task.recipe
+    how, recipe, progress = search.settings, search.task.recipe, workers.progress
     unused = unused_fields(find(how.arch))
     metric = "best_" + search.objective.removeprefix("best_")
     unit = " m" if search.objective == POSITION_RMSE else ""
@@ -165,7 +161,7 @@ def _search(
                 replace(search.task, recipe=replace(recipe, **fields), number=number)
                 for number, fields in drawn.items()
             ]
-            with closing(workers.work(one, tasks, lambda _: data, progress)) as results:
+            with closing(workers.work(one, tasks, lambda _: data)) as results:
                 for task, found in results:
                     _record(task, found, study, search)
                     if done := completed_trials(study):

@@ -34,7 +34,6 @@ from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
 from pipeline.parallel.workers import Workers
 from pipeline.plan.plan import SOLVED
 from pipeline.plan.requirements import AT_ALL_TIMES
-from pipeline.progress import SILENT, Progress
 from pipeline.scenario import SPLITS
 from pipeline.scenario.families import FAMILIES
 from pipeline.scenario.part_documents import OrbitDocument
@@ -174,7 +173,6 @@ def write_card(
     licence: str = LICENCE,
     replace: bool = False,
     workers: Workers | None = None,
-    progress: Progress = SILENT,
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
@@ -187,7 +185,7 @@ def write_card(
             f"licence is {licence!r}; expected an identifier such as mit or cc-by-4.0."
         )
     folder = open_folder(where)
-    text = _card_text(folder, licence, workers or Workers(), progress)
+    text = _card_text(folder, licence, workers or Workers())
     present = folder.read(CARD) if folder.exists(CARD) else None
     if present == text.encode():
         return text
@@ -200,9 +198,9 @@ def write_card(
     return text
 
 
-def _card_text(folder: Folder, licence: str, workers: Workers, progress: Progress) -> str:
+def _card_text(folder: Folder, licence: str, workers: Workers) -> str:
     manifest = read_manifest(folder)
-    files, rows = _contents(folder, manifest, workers, progress)
+    files, rows = _contents(folder, manifest, workers)
     name = folder.local.resolve().name if folder.local else str(folder).rstrip("/").split("/")[-1]
     quoted = json.dumps(name, ensure_ascii=False)
     title = f"Certified transfers of spacecraft swarms, n = {ranges(sorted(manifest.samples))}"
@@ -232,21 +230,21 @@ def _column(column: DataColumn) -> tuple[Markdown, str, str, Markdown]:
 
 
 def _contents(
-    folder: Folder, manifest: Manifest, workers: Workers, progress: Progress
+    folder: Folder, manifest: Manifest, workers: Workers
 ) -> tuple[list[File], pd.DataFrame]:
     """The files of a solved dataset in order, and the SUMMARIZED columns of all their rows."""
     shards = manifest.expected()
     refuse_unsolved(folder, manifest, shards)
-    progress.expect(sum(len(shard.rows) for shard in shards))
+    workers.progress.expect(sum(len(shard.rows) for shard in shards))
     tasks = _tasks(manifest, shards)
     if workers.jobs == -1 and len(tasks) < FEW_TASKS:
         workers = replaced(workers, jobs=1)
     found: list[tuple[File, pa.Table]] = []
     summarized = partial(_summarized, str(folder))
-    with closing(work_on(folder, workers, summarized, tasks, _read, progress)) as results:
+    with closing(work_on(folder, workers, summarized, tasks, _read)) as results:
         for _, files_read in results:
             found += files_read
-            progress.done(sum(file.rows for file, _ in files_read))
+            workers.progress.done(sum(file.rows for file, _ in files_read))
     found.sort(key=lambda pair: (pair[0].shard.n, pair[0].shard.number))
     files, tables = zip(*found, strict=True)
     return list(files), pa.concat_tables(tables).to_pandas()

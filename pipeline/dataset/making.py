@@ -28,7 +28,7 @@ from pipeline.orbit.thrust import ALONG_AXES
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
-from pipeline.progress import SILENT, Progress
+from pipeline.progress import SILENT
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario, draw, draw_many
 from pipeline.storage.folder import Folder, Where, open_folder
@@ -50,7 +50,6 @@ def sample(
     problem: Problem,
     *,
     workers: Workers | None = None,
-    progress: Progress = SILENT,
 ) -> Manifest:
     """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
@@ -74,9 +73,9 @@ def sample(
             "empty folder."
         )
     begin = partial(_begin_sampling, folder, samples, problem)
-    with open_ledger(folder, OWNED, begin, progress) as ledger:
+    with open_ledger(folder, OWNED, begin, workers.progress) as ledger:
         missing = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
-        write_shards(ledger, draw_shard, missing, workers, progress)
+        write_shards(ledger, draw_shard, missing, workers)
     return ledger.manifest
 
 
@@ -124,38 +123,33 @@ def solve(
     requirements: Requirements = AT_ALL_TIMES,
     *,
     workers: Workers | None = None,
-    progress: Progress = SILENT,
 ) -> Manifest:
     """Solve the unsolved shards of a sampled dataset; damaged shards are made again.
 
     InputError where there is no dataset, another process writes to it, or it was begun with other
     settings; ProlearnError as in ``sample``.
     """
-    folder = open_folder(where)
+    folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
     begin = partial(_begin_solving, folder, settings, requirements)
-    with open_ledger(folder, OWNED, begin, progress) as ledger:
-        complete(ledger, workers or Workers(), progress)
+    with open_ledger(folder, OWNED, begin, workers.progress) as ledger:
+        complete(ledger, workers)
     return ledger.manifest
 
 
-def complete(
-    ledger: Ledger[Manifest], workers: Workers, progress: Progress, spared: Collection[str] = ()
-) -> None:
+def complete(ledger: Ledger[Manifest], workers: Workers, spared: Collection[str] = ()) -> None:
     """Draw or solve what is missing or damaged, except for the shards of files in ``spared``."""
     manifest = ledger.manifest
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*spared}]
     missing = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if missing:
         drawn = f"Scenario shards that are missing or damaged are drawn again: {len(missing)}."
-        progress.say(drawn)
-        write_shards(ledger, draw_shard, missing, workers, SILENT)
+        workers.progress.say(drawn)
+        write_shards(ledger, draw_shard, missing, workers.telling(SILENT))
     if manifest.solve:
         unsolved = [s for s in shards if not _is_solved(ledger, s)]
         unsolved.reverse()  # the largest swarms, which take longest, first
-        write_shards(
-            ledger, _solve_shard, unsolved, workers, progress, lambda shard: shard.scenarios
-        )
+        write_shards(ledger, _solve_shard, unsolved, workers, lambda shard: shard.scenarios)
 
 
 def _begin_solving(folder: Folder, settings: Settings, requirements: Requirements) -> Manifest:

@@ -25,7 +25,6 @@ from pipeline.dataset.manifest import (
 from pipeline.dataset.physics import row_faults
 from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
-from pipeline.progress import SILENT, Progress
 from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import Ledger, committed, read_timing_digests, set_aside, sole_writer
@@ -89,9 +88,7 @@ Checks = tuple[Check, ...]
 """Files that are checked together: those of one shard, scenarios first, or a foreign one."""
 
 
-def verify(
-    where: Where | Folder, *, workers: Workers | None = None, progress: Progress = SILENT
-) -> Iterator[Fault]:
+def verify(where: Where | Folder, *, workers: Workers | None = None) -> Iterator[Fault]:
     """Every fault of a dataset, solved or not, as it is found; InputError without a manifest."""
     folder, workers = open_folder(where), workers or Workers()
     manifest, fault = manifest_or_copy(folder)
@@ -105,21 +102,17 @@ def verify(
     yield from (Fault(check.name, "is missing") for check in checks if check.name not in present)
     checks = [check for check in checks if check.name in present]
     checks += [Check(name, "foreign") for name in foreign if not OTHER_FILES.fullmatch(name)]
-    progress.expect(sum(check.counted for check in checks))
+    workers.progress.expect(sum(check.counted for check in checks))
     groups = groupby(checks, lambda check: check.shard.solved if check.shard else check.name)
     tasks = [tuple(group) for _, group in groups]
-    with closing(work_on(folder, workers, _faults, tasks, _read, progress)) as results:
+    with closing(work_on(folder, workers, _faults, tasks, _read)) as results:
         for some, faults in results:
             yield from faults
-            progress.done(sum(check.counted for check in some))
+            workers.progress.done(sum(check.counted for check in some))
 
 
 def repair(
-    where: Where | Folder,
-    *,
-    yes: bool = False,
-    workers: Workers | None = None,
-    progress: Progress = SILENT,
+    where: Where | Folder, *, yes: bool = False, workers: Workers | None = None
 ) -> list[Fault]:
     """Make exactly the faulty shards again, set foreign files aside, and return the faults.
 
@@ -132,7 +125,7 @@ def repair(
     with sole_writer(folder, OWNED):
         manifest, _ = manifest_or_copy(folder)
         refuse_versions(folder, manifest)
-        faults = list(verify(folder, workers=workers, progress=progress))
+        faults = list(verify(folder, workers=workers))
         spared = {fault.path for fault in faults if fault.sound and not yes}
         spared |= {TIMINGS + path.removeprefix(SCENARIOS) for path in spared}
         present = {path for path in spared if folder.exists(path)}
@@ -140,11 +133,11 @@ def repair(
         for fault in faults:
             replaced = fault.path in (COPY, TIMED) or fault.what in REPLACED
             if fault.path not in spared and not replaced and folder.exists(fault.path):
-                progress.say(set_aside(folder, fault.path, *[FOREIGN] * fault.foreign))
-        with committed(Ledger(folder, manifest, progress)) as ledger:
+                workers.progress.say(set_aside(folder, fault.path, *[FOREIGN] * fault.foreign))
+        with committed(Ledger(folder, manifest, workers.progress)) as ledger:
             # New timings take a new solve, so plans with faulty timings are dropped too.
             ledger.drop(f.path.removeprefix(TIMINGS) for f in faults if f.path not in spared)
-            complete(ledger, workers, progress, spared)
+            complete(ledger, workers, spared)
     return faults
 
 

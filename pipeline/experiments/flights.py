@@ -23,7 +23,6 @@ from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import RiskLimit
 from pipeline.planners.as_flown import AsFlown
 from pipeline.planners.planner import Planner, requiring
-from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
 MEASURED = ["min_separation", "goal_error", "goal_velocity_error", "delta_v", "missed_burns"]
@@ -40,7 +39,6 @@ def run_flights(
     seed: int = 0,
     workers: Workers | None = None,
     kept: FinishedParts | None = None,
-    progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.
 
@@ -62,7 +60,7 @@ def run_flights(
         for k, one in enumerate(some)
     ]
     flown = partial(_flown, planners, flights, seed)
-    tables = finish_parts("flights", flown, parts, workers=workers, kept=kept, progress=progress)
+    tables = finish_parts("flights", flown, parts, workers=workers, kept=kept)
     return pd.concat(tables, ignore_index=True)
 
 

@@ -82,7 +82,6 @@ def finish_parts(
     *,
     workers: Workers | None,
     kept: FinishedParts | None,
-    progress: Progress,
 ) -> list[pd.DataFrame]:
     """The table of each part, read if kept and else made, by default on all cores of this machine.
 
@@ -93,18 +92,19 @@ def finish_parts(
     tables = {k: table for k, table in found.items() if table is not None}
     # Large swarms take longest: begun last, one would keep a worker when the others are done.
     left = sorted(found.keys() - tables.keys(), key=lambda k: (-parts[k].n, k))
-    progress.expect(len(parts))
+    workers = workers or Workers()
+    workers.progress.expect(len(parts))
     if tables:
-        progress.done(len(tables), "kept")
+        workers.progress.done(len(tables), "kept")
     decided_by = kept.decided_by if kept else ((), ())
     make_part = partial(_make_part, make, decided_by, made_with(*decided_by))
     tasks = [(k, parts[k]) for k in left]
-    with closing((workers or Workers()).work(make_part, tasks, lambda _: b"", progress)) as results:
+    with closing(workers.work(make_part, tasks, lambda _: b"")) as results:
         for (number, part), table in results:
             if kept:
                 kept.write(paths[number], table)
             tables[number] = table
-            progress.done(note=part.note)
+            workers.progress.done(note=part.note)
     return [tables[number] for number in range(len(parts))]
 
 

@@ -20,7 +20,6 @@ from pipeline.parallel.workers import Workers
 from pipeline.plan.judge import is_safe
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.planners.planner import Planner
-from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 
 Predictor = Callable[[EndStates, EndStates], Float[Array, "b n T 6"]]
@@ -57,7 +56,6 @@ def run_trials(
     timed: int = 0,
     workers: Workers | None = None,
     kept: FinishedParts | None = None,
-    progress: Progress = SILENT,
 ) -> list[pd.DataFrame]:
     """A table of each comparison: a row for each trial, columns of Trial.
 
@@ -71,7 +69,7 @@ def run_trials(
         for each in comparisons
         for evaluated in each.planners
     ]
-    tables = finish_parts("plans", _planned, parts, workers=workers, kept=kept, progress=progress)
+    tables = finish_parts("plans", _planned, parts, workers=workers, kept=kept)
     for table, taken in zip(tables, seconds, strict=True):
         rows = table.index[table.reading != PREDICTED][: len(taken)]
         table.loc[rows, "seconds"] = taken
@@ -96,7 +94,7 @@ def _times(
         return [[] for each in comparisons for _ in each.planners]
     here, make = Workers(jobs=1), partial(_timed, timed)
     parts = [Part(each, each.scenarios[0].n) for each in comparisons]
-    tables = finish_parts("times", make, parts, workers=here, kept=kept, progress=SILENT)
+    tables = finish_parts("times", make, parts, workers=here, kept=kept)
     return [table[name].to_list() for table in tables for name in table]
 
 
@@ -189,7 +187,6 @@ def run_transfer_times(
     *,
     workers: Workers | None = None,
     kept: FinishedParts | None = None,
-    progress: Progress = SILENT,
 ) -> pd.DataFrame:
     """Trials of all planners that fit, in every variation, with the same initial and goal states.
 
@@ -205,7 +202,7 @@ def run_transfer_times(
         )
         for _, problem in varied
     ]
-    tables = run_trials(comparisons, workers=workers, kept=kept, progress=progress)
+    tables = run_trials(comparisons, workers=workers, kept=kept)
     found = []
     for (parameter, problem), table in zip(varied, tables, strict=True):
         taken = {"varied": parameter} | {name: getattr(problem, name) for name in records.VARIED}

@@ -56,8 +56,8 @@ def run_warmstarts(
                 if make is not None:
                     for scenario in some[1:]:
                         make(scenario)  # some code of networks runs for near pairs alone
-    here, run = Workers(jobs=1), partial(_run_seeds, optimizer, seeds)
-    tables = finish_parts("starts", run, parts, workers=here, kept=kept, progress=progress)
+    here, run = Workers(jobs=1, progress=progress), partial(_run_seeds, optimizer, seeds)
+    tables = finish_parts("starts", run, parts, workers=here, kept=kept)
     return pd.concat(tables, ignore_index=True)
 
 

@@ -12,6 +12,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -24,7 +25,6 @@ from pipeline.flight.loops import Loop, TrialSettings
 from pipeline.flight.trials import Trials
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.planner import identity
-from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
 from pipeline.storage import TIMINGS, shards
@@ -124,7 +124,6 @@ def fly_all(
     trials: int,
     *,
     workers: Workers | None = None,
-    progress: Progress = SILENT,
 ) -> dict[str, Trials]:
     """Fly the trials of each loop that are not in the folder yet; all trials, by the loop's name.
 
@@ -141,10 +140,11 @@ def fly_all(
         for loop in loops
     }
     folder, workers = open_folder(where), workers or Workers()
-    with open_ledger(folder, OWNED, lambda: ShardList.of(folder, SCHEMA), progress) as ledger:
+    begin = partial(ShardList.of, folder, SCHEMA)
+    with open_ledger(folder, OWNED, begin, workers.progress) as ledger:
         every = chain.from_iterable(portions.values())
         wanted = [portion for portion in every if not _is_done(ledger, portion)]
-        write_shards(ledger, _flown, wanted, workers, progress)
+        write_shards(ledger, _flown, wanted, workers)
         return {name: _read(ledger, some, trials) for name, some in portions.items()}
 
 

@@ -10,7 +10,7 @@ import functools
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError
 from typing import TypeVar
 
@@ -41,6 +41,7 @@ class Workers:
     scheduler: str | None = None  # address of a Dask scheduler, such as tcp://10.0.0.1:8786
     scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
     shared: bool = False  # whether they reach folders of shards, to read and write there themselves
+    progress: Progress = SILENT  # who is told how far the work is
 
     def __post_init__(self) -> None:
         if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:
@@ -50,12 +51,15 @@ class Workers:
             )
         check_range("the wait for a lost scheduler", self.scheduler_wait, 0, MOST_WAIT)
 
+    def telling(self, progress: Progress) -> "Workers":
+        """The same workers, with someone else who is told."""
+        return replace(self, progress=progress)
+
     def work(
         self,
         function: Callable[[Task, Content], Result],
         tasks: Sequence[Task],
         load: Callable[[Task], Content],
-        progress: Progress = SILENT,
     ) -> Generator[tuple[Task, Result], None, None]:
         """Each task with its result, as they are done, in any order.
 
@@ -66,9 +70,7 @@ class Workers:
         waiting, losses, retrying = dict(enumerate(tasks)), 0, False
         while waiting:
             try:
-                with closing(
-                    self._once(function, dict(waiting), load, retrying, progress)
-                ) as results:
+                with closing(self._once(function, dict(waiting), load, retrying)) as results:
                     for number, result in results:
                         losses = 0
                         yield waiting.pop(number), result
@@ -76,7 +78,7 @@ class Workers:
                 losses, retrying = losses + 1, True
                 if losses == MOST_LOSSES:
                     raise ProlearnError(lost.repeatedly) from lost
-                progress.say(str(lost))
+                self.progress.say(str(lost))
 
     def _once(
         self,
@@ -84,7 +86,6 @@ class Workers:
         tasks: Mapping[int, Task],
         load: Callable[[Task], Content],
         retrying: bool,
-        progress: Progress,
     ) -> Generator[tuple[int, Result], None, None]:
         """Results by the tasks' numbers, until all are there or workers are lost."""
         jobs = joblib.effective_n_jobs(self.jobs)
@@ -100,7 +101,7 @@ class Workers:
         if self.scheduler is None:
             yield from run_in_processes(calls, jobs)
             return
-        with cluster(self.scheduler, self.scheduler_wait, retrying, progress) as workers:
+        with cluster(self.scheduler, self.scheduler_wait, retrying, self.progress) as workers:
             yield from workers.results(calls)
 
 

@@ -240,22 +240,21 @@ def write_shards(
     make: Callable[[Task, bytes], NewShard],
     tasks: Sequence[Task],
     workers: Workers,
-    progress: Progress,
     source: Callable[[Task], str] = lambda _: "",
 ) -> None:
     """Make shards on workers and publish each as soon as it is done.
 
     ``make`` gets a task and the content of its source, the shard, if any, that ``source`` names.
     """
-    progress.expect(sum(len(task.rows) for task in tasks))
+    workers.progress.expect(sum(len(task.rows) for task in tasks))
     sources = zip(tasks, map(source, tasks), strict=True)
     with_source = [(task, name, ledger.shards.get(name, "")) for task, name in sources]
     function = partial(_make, make)
-    made = work_on(ledger.folder, workers, function, with_source, _read, progress, _written)
+    made = work_on(ledger.folder, workers, function, with_source, _read, _written)
     with closing(made) as results:
         for (task, *_), shard in results:
             ledger.publish(shard)
-            progress.done(len(task.rows), failed=shard.failed)
+            workers.progress.done(len(task.rows), failed=shard.failed)
 
 
 Sourced = tuple[Task, str, str]

@@ -10,7 +10,6 @@ from uuid import uuid4
 from pipeline import storage
 from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Content, Result, Task, Workers
-from pipeline.progress import Progress
 from pipeline.storage.folder import Folder, open_folder
 from pipeline.text import public_url
 
@@ -68,7 +67,6 @@ def work_on(
     function: Callable[[Task, Content], Result],
     tasks: Sequence[Task],
     read: Callable[[Folder, Task], Content],
-    progress: Progress,
     write: Callable[[Folder, Result], Result] | None = None,
 ) -> Generator[tuple[Task, Result], None, None]:
     """Results as of ``Workers.work``, where ``read`` loads the content of each task from a folder.
@@ -80,9 +78,9 @@ def work_on(
             in_worker = partial(
                 _read_work_write, stack.enter_context(shared(folder)), read, function, write
             )
-            results = workers.work(in_worker, tasks, lambda _: None, progress)
+            results = workers.work(in_worker, tasks, lambda _: None)
         else:
-            results = workers.work(function, tasks, partial(read, folder), progress)
+            results = workers.work(function, tasks, partial(read, folder))
         yield from stack.enter_context(closing(results))
 
 

@@ -18,7 +18,7 @@ from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
-from pipeline.progress import Progress
+from pipeline.progress import SILENT, Progress
 from pipeline.training.loop import Trained
 from registry.results import Recorded, latest, table_of
 from registry.store import FLIGHTS
@@ -27,9 +27,11 @@ from registry.training import DatasetInfo, record_training
 CRAFT = 3
 
 
-def fly(solved: Path, models: str | None = None, **options: Any) -> Recorded:
+def fly(
+    solved: Path, models: str | None = None, progress: Progress = SILENT, **options: Any
+) -> Recorded:
     asked = Flights(models=models, data=str(solved), n=CRAFT, trials=1, flights=1)
-    return flights(asked, workers=Workers(1), **options)
+    return flights(asked, workers=Workers(1, progress=progress), **options)
 
 
 class Counts(Progress):

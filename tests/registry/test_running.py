@@ -134,13 +134,14 @@ def test_a_search_that_was_killed_is_closed_with_its_trial_and_can_be_gone_on_wi
 import os, signal
 from cli.jobs.tune import tune
 from cli.settings import TuningSettings
+from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 
 class Dies(Progress):
     def done(self, *_, **__):
         os.kill(os.getpid(), signal.SIGKILL)
 
-tune(TuningSettings(**SETTINGS), progress=Dies())
+tune(TuningSettings(**SETTINGS), workers=Workers(1, progress=Dies()))
 """
     for _ in range(2):  # the second time the search is reopened
         assert child(killed.replace("SETTINGS", repr(vars(options)))) == -signal.SIGKILL

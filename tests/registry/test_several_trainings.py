@@ -46,11 +46,11 @@ class Kills(Progress):
 
 
 def trials(
-    how: TrainingSettings, path: Path, workers: Workers, **more: Any
+    how: TrainingSettings, path: Path, workers: Workers
 ) -> list[tuple[int, float | None, dict[str, Any]]]:
     """Number, value and parameters of each trial of a search that is kept in a new file."""
     asked = {"data": how.data, "n": how.n, "device": "cpu", "epochs": 1, "storage": path}
-    tune(TuningSettings(arch="ff1", trials=5, at_once=3, **asked), workers=workers, **more)
+    tune(TuningSettings(arch="ff1", trials=5, at_once=3, **asked), workers=workers)
     study = optuna.load_study(study_name=None, storage=f"sqlite:///{path}")
     return [(one.number, one.value, one.params) for one in study.trials]
 
@@ -72,8 +72,9 @@ def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
     one = trials(how, folder / "one.db", Workers(1))
     assert all(value is not None for _, value, _ in one)
     assert trials(how, folder / "two.db", Workers(2)) == one
-    there, progress = Workers(scheduler=cluster.address), Kills(cluster)
-    assert trials(how, folder / "there.db", there, progress=progress) == one
+    progress = Kills(cluster)
+    there = Workers(scheduler=cluster.address, progress=progress)
+    assert trials(how, folder / "there.db", there) == one
     assert progress.complete == 5
 
 

@@ -25,7 +25,7 @@ from registry.store import connect
 
 def search(data: Path, trials: int, progress: Progress = SILENT, **options: Any) -> Tuned:
     asked = {"arch": "ff1", "data": str(data), "n": 3, "device": "cpu", "epochs": 2, **options}
-    return tune(TuningSettings(trials=trials, **asked), progress=progress)
+    return tune(TuningSettings(trials=trials, **asked), workers=Workers(1, progress=progress))
 
 
 def runs(name: str) -> list[Any]:

@@ -37,7 +37,7 @@ class Deadly(Progress):
         if self.count == {done}:
             os.kill(os.getpid(), signal.SIGKILL)
 
-job({asked}, progress=Deadly(), **{options})
+job({asked}, {told})
 """
 
 
@@ -72,8 +72,10 @@ def kill(
     done: int = DONE,
 ) -> list[Path]:
     """The parts of a run that is killed after some."""
-    options = "{}" if jobs is None else f"{{'workers': Workers({jobs})}}"
-    assert child(KILLED.format(job=job, asked=asked, options=options, done=done)) == -9
+    told = "progress=Deadly()"
+    if jobs is not None:
+        told = f"workers=Workers({jobs}, {told})"
+    assert child(KILLED.format(job=job, asked=asked, told=told, done=done)) == -9
     return sorted(Path("mlruns/.unfinished").rglob("*.parquet"))
 
 
@@ -107,7 +109,8 @@ def test_what_was_done_before_a_kill_is_not_done_again(
     assert len(timed) == (job == "evaluate")
 
     told = Counts()
-    done = run(asked, resume=True, progress=told, **options)
+    telling = {"progress": told} if jobs is None else {"workers": Workers(1, progress=told)}
+    done = run(asked, resume=True, **telling)
     assert (told.kept, told.made) == (before, told.total - before)
     assert told.made > 0
     assert not list(Path("mlruns/.unfinished").rglob("*")), "the run has it all"
@@ -127,7 +130,7 @@ def test_parts_that_are_damaged_or_of_other_settings_or_not_asked_for_are_done_a
 
     def counted(settings: Evaluation, *, resume: bool) -> Counts:
         told = Counts()
-        experiments.evaluate(settings, workers=Workers(jobs=1), resume=resume, progress=told)
+        experiments.evaluate(settings, workers=Workers(1, progress=told), resume=resume)
         return told
 
     fewer = replace(asked, trials=1)
@@ -150,5 +153,5 @@ def test_the_same_experiment_twice_at_once_is_refused_and_leaves_the_first_alone
                     experiments.evaluate(asked, workers=Workers(jobs=1), resume=True)
 
     told = Again()
-    experiments.evaluate(asked, workers=Workers(jobs=1), progress=told)
+    experiments.evaluate(asked, workers=Workers(1, progress=told))
     assert told.made == told.total

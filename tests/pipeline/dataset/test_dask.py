@@ -103,8 +103,8 @@ def test_a_cluster_that_loses_a_worker_gives_the_bytes_of_this_machine(
     cluster.start_workers()
     cluster.await_workers()
     progress = After(lambda: kill(cluster.workers[0]))
-    workers = Workers(scheduler=cluster.address, shared=shared)
-    solve(there, Settings(), workers=workers, progress=progress)
+    workers = Workers(scheduler=cluster.address, shared=shared, progress=progress)
+    solve(there, Settings(), workers=workers)
     assert progress.shards == SHARDS
     assert_same(there, here)
     assert list(verify(there, workers=Workers(1))) == []  # timings are those of the manifest, too
@@ -123,8 +123,8 @@ def test_a_scheduler_that_is_killed_and_comes_back_costs_a_sentence_and_no_byte(
         cluster.start_workers()  # the old ones end with their scheduler
 
     progress = After(restart)
-    workers = Workers(scheduler=cluster.address, shared=True)
-    solve(there, Settings(), workers=workers, progress=progress)
+    workers = Workers(scheduler=cluster.address, shared=True, progress=progress)
+    solve(there, Settings(), workers=workers)
     assert progress.shards == SHARDS
     assert_same(there, here)
     assert list(verify(there, workers=Workers(1))) == []
@@ -176,8 +176,8 @@ def test_workers_and_scheduler_may_be_gone_at_once_before_anything_is_done(clust
     cluster.start_workers()
     progress = After(None)
     threading.Thread(target=lose_all_and_start_again).start()
-    workers, tasks = Workers(scheduler=cluster.address), range(5)
-    results = dict(workers.work(double, tasks, lambda _: np.full(1000, 2.0), progress))
+    workers, tasks = Workers(scheduler=cluster.address, progress=progress), range(5)
+    results = dict(workers.work(double, tasks, lambda _: np.full(1000, 2.0)))
     assert sorted(results) == list(tasks)
     assert all((results[task] == 2.0 * task).all() for task in tasks)
     gone, empty = progress.said
@@ -207,7 +207,7 @@ def test_scenarios_are_drawn_rows_verified_and_a_card_written_by_a_cluster(
     monkeypatch.setattr(card, "VALUES_PER_TASK", 8 * 5 * 66 * 5)  # a few shards of eight scenarios
     progress = After(lambda: None)
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1000}):
-        assert write_card(drawn, workers=workers, progress=progress) == alone
+        assert write_card(drawn, workers=workers.telling(progress)) == alone
     assert progress.shards == 3, "pieces"
     (drawn / "n=5/part-00007.parquet").write_bytes(b"")
     with pytest.raises(InputError, match=r"n=5/part-00007.* in .*drawn .*digest.*--repair"):
@@ -233,7 +233,7 @@ def test_workers_that_share_a_folder_mend_it_and_the_client_carries_no_shard(
     cluster.start_workers(1)
     workers, progress = Workers(scheduler=cluster.address, shared=True), After(None)
     assert {fault.path for fault in verify("there", workers=workers)} == {*damaged}
-    solve("there", Settings(), workers=workers, progress=progress)
+    solve("there", Settings(), workers=workers.telling(progress))
     assert content(there) == content(here)
     assert [(there / f"_damaged/{name}.1").read_bytes() for name in damaged] == [b"damaged"] * 2
     aside = [f"{name} in {there} is set aside as _damaged/{name}.1." for name in damaged]
@@ -304,8 +304,8 @@ def test_trials_are_flown_by_a_cluster_that_loses_a_worker_to_the_same_bytes(clu
     cluster.start_workers()
     cluster.await_workers()
     progress = After(lambda: kill(cluster.workers[0]))
-    there = Workers(scheduler=cluster.address)
-    fly_all(tmp_path / "there", of, loops, 60, workers=there, progress=progress)
+    there = Workers(scheduler=cluster.address, progress=progress)
+    fly_all(tmp_path / "there", of, loops, 60, workers=there)
     assert progress.shards == 24
     assert content(tmp_path / "there") == content(tmp_path / "here")
 

@@ -70,7 +70,7 @@ class Loud(Progress):
         print(sentence, flush=True)
 
 os.setsid()
-solve({folder!r}, Settings(), workers=Workers(jobs=2), progress=Loud())
+solve({folder!r}, Settings(), workers=Workers(jobs=2, progress=Loud()))
 """
 
 
