@@ -14,7 +14,7 @@ from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.scp import Search, SearchProblem, Seeds
 from pipeline.expert.settings import Settings
 from pipeline.orbit.approaches import PROVABLE
-from pipeline.orbit.passive_safety import unavoidable_encounter
+from pipeline.orbit.passive_safety import Ends, unavoidable_encounter
 from pipeline.orbit.transfer import fly, has_one_plan
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.judge import Draft, certified_plans
@@ -181,7 +181,7 @@ def _unavoidable_encounter(scenario: Scenario, orbits: float) -> str:
     """Why no plan is passively safe, where the ends alone prove it; else an empty string."""
     ends = scenario.initial, scenario.goal, scenario.problem
     radii = scenario.radii if scenario.unlike else None
-    found = unavoidable_encounter(*ends, orbits, radii, scenario.obstacles)
+    found = unavoidable_encounter(Ends(*ends, orbits, radii, scenario.obstacles))
     if found is None or found.pair is None:
         return ""
     i, j = found.pair

@@ -10,7 +10,7 @@ other craft drift from their goals. The motion of obstacles is known.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,81 +136,65 @@ def _closest_sampled(paths: DriftingPaths, swarms: SwarmPartition) -> list[Separ
     return closest
 
 
-def unavoidable_encounter(
-    initial: Formation,
-    goal: Formation,
-    problem: Problem,
-    orbits: float,
-    radii: Values | None = None,
-    obstacles: Sequence[Obstacle] = (),
-) -> Separation | None:
-    """The closest encounter within the required separation that no plan can avoid, or None.
+@dataclass(frozen=True)
+class Ends:
+    """Initial and goal states, and how many orbits craft drift after a loss of thrust.
 
     Radii of craft are in m; obstacles need them, and are numbered after the craft.
     """
-    ends = initial, goal, problem, orbits, radii
-    found = list(_encounters_of_ends(*ends, obstacles))
-    found += [one for craft, taken, one in _starts_with_goals(*ends) if craft != taken]  # its own
+
+    initial: Formation
+    goal: Formation
+    problem: Problem
+    orbits: float
+    radii: Values | None = None
+    obstacles: Sequence[Obstacle] = ()
+
+    def encounters(self) -> Iterator[Separation]:
+        """Encounters of drifts from goals, and of those from starts with obstacles."""
+        problem, orbits, radii = self.problem, self.orbits, self.radii
+        there, last = at_the_end(self.obstacles, problem), problem.nodes - 1
+        yield from _encounters(self.goal, problem, orbits, last, radii, there)
+        if self.obstacles:
+            before = _encounters(self.initial, problem, orbits, 0, radii, self.obstacles, begin=0.0)
+            yield from (one for one in before if one.pair and one.pair[1] >= len(self.goal))
+
+    def starts_with_goals(self) -> Iterator[tuple[int, int, Separation]]:
+        """Encounters after the plan of craft adrift from starts with others adrift from goals."""
+        n, problem = len(self.goal), self.problem
+        A = problem.dynamics.drift(0, problem.intervals)
+        both = np.concatenate([self.initial @ A.T, self.goal])  # where they are when the plan ends
+        longer = self.orbits - problem.duration * problem.mean_motion / (2 * np.pi)
+        radii = None if self.radii is None else np.tile(self.radii, 2)
+        for one in _encounters(both, problem, longer, 0, radii):
+            if one.pair and one.pair[0] < n <= one.pair[1]:
+                craft, taken = one.pair[0], one.pair[1] - n
+                yield craft, taken, replace(one, pair=(craft, taken))
+
+
+def unavoidable_encounter(ends: Ends) -> Separation | None:
+    """The closest encounter within the required separation that no plan can avoid, or None."""
+    found = list(ends.encounters())
+    found += [one for craft, taken, one in ends.starts_with_goals() if craft != taken]  # its own
     return min(found, key=lambda one: one.distance, default=None)
 
 
-def allowed_goals(
-    initial: Formation,
-    goal: Formation,
-    problem: Problem,
-    orbits: float,
-    radii: Values | None = None,
-    obstacles: Sequence[Obstacle] = (),
-) -> Bool[Array, "n n"]:
+def allowed_goals(ends: Ends) -> Bool[Array, "n n"]:
     """Mask of the goals that each craft may take, where goals are not assigned yet.
 
     A craft whose drift from its start meets a craft that drifts from some goal must take that goal
     itself. None may take any where drifts from two goals meet, or an obstacle is in the way of a
-    drift from either end. All of this holds for craft of the least of the radii, m.
+    drift from either end. All of this holds for craft of the least of the radii.
     """
-    n = len(goal)
-    ends = initial, goal, problem, orbits, None if radii is None else np.full(n, radii.min())
+    n = len(ends.goal)
+    if ends.radii is not None:
+        ends = replace(ends, radii=np.full(n, ends.radii.min()))
     allowed = np.ones((n, n), dtype=bool)
-    if list(_encounters_of_ends(*ends, obstacles)):
+    if list(ends.encounters()):
         return ~allowed
-    for craft, taken, _ in _starts_with_goals(*ends):
+    for craft, taken, _ in ends.starts_with_goals():
         allowed[craft] &= np.arange(n) == taken
     return allowed
-
-
-def _encounters_of_ends(
-    initial: Formation,
-    goal: Formation,
-    problem: Problem,
-    orbits: float,
-    radii: Values | None,
-    obstacles: Sequence[Obstacle],
-) -> Iterator[Separation]:
-    """Encounters of drifts from goals, and of those from starts with obstacles."""
-    there, last = at_the_end(obstacles, problem), problem.nodes - 1
-    yield from _encounters(goal, problem, orbits, last, radii, there)
-    if obstacles:
-        before = _encounters(initial, problem, orbits, 0, radii, obstacles, begin=0.0)
-        yield from (one for one in before if one.pair and one.pair[1] >= len(goal))
-
-
-def _starts_with_goals(
-    initial: Formation,
-    goal: Formation,
-    problem: Problem,
-    orbits: float,
-    radii: Values | None,
-) -> Iterator[tuple[int, int, Separation]]:
-    """Encounters after the plan of craft adrift from their starts with others adrift from goals."""
-    n = len(goal)
-    A = problem.dynamics.drift(0, problem.intervals)
-    both = np.concatenate([initial @ A.T, goal])  # where they are when the plan ends
-    longer = orbits - problem.duration * problem.mean_motion / (2 * np.pi)
-    radii = None if radii is None else np.tile(radii, 2)
-    for one in _encounters(both, problem, longer, 0, radii):
-        if one.pair and one.pair[0] < n <= one.pair[1]:
-            craft, taken = one.pair[0], one.pair[1] - n
-            yield craft, taken, replace(one, pair=(craft, taken))
 
 
 def _encounters(

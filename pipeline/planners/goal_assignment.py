@@ -25,7 +25,7 @@ from pipeline.expert.decoupled import (
     minimum_fuel,
 )
 from pipeline.orbit.arrays import PerCraft
-from pipeline.orbit.passive_safety import allowed_goals
+from pipeline.orbit.passive_safety import Ends, allowed_goals
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan
 from pipeline.planners.planner import PlannerWrapper
@@ -269,7 +269,7 @@ class _Candidates:
         if self.first is not None and plan.status == INFEASIBLE and asked is not None:
             ends, problem = (scenario.initial, scenario.goal), scenario.problem
             radii = scenario.radii if scenario.sized else None
-            of_use = allowed_goals(*ends, problem, asked.orbits, radii, scenario.obstacles)
+            of_use = allowed_goals(Ends(*ends, problem, asked.orbits, radii, scenario.obstacles))
             self.allowed = np.where(of_use, self.allowed, np.inf)
             self.first = next(ranked(self.allowed), None)
             adrift = "a craft adrift comes within collision_radius of another after the plan"

@@ -8,7 +8,12 @@ from judge import Case, closest_adrift
 
 from pipeline.errors import InputError
 from pipeline.orbit.partition import swarm_partition
-from pipeline.orbit.passive_safety import least_after_loss, loss_encounters, unavoidable_encounter
+from pipeline.orbit.passive_safety import (
+    Ends,
+    least_after_loss,
+    loss_encounters,
+    unavoidable_encounter,
+)
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
 from pipeline.orbit.transfer import fly, minimum_energy
@@ -61,7 +66,9 @@ def test_a_drift_that_ends_shortly_after_a_node_is_looked_at_like_any_other(seco
     truth = closest_adrift(case_of(problem), states, controls, seconds / PERIOD)
     assert found.distance == pytest.approx(truth.distance, abs=2e-4)
     assert found.bound <= truth.distance + 1e-6
-    assert unavoidable_encounter(states[:, 0], states[:, -1], problem, seconds / PERIOD) is None
+    assert (
+        unavoidable_encounter(Ends(states[:, 0], states[:, -1], problem, seconds / PERIOD)) is None
+    )
 
 
 def test_a_meeting_after_seventy_orbits_is_found():
@@ -70,11 +77,13 @@ def test_a_meeting_after_seventy_orbits_is_found():
     v = (ahead - problem.collision_radius) / (3 * met)
     behind = [0.0, -ahead, 0.0, 0.0, -v, 0.0]
     goal = np.array([np.zeros(6), behind])
-    found = unavoidable_encounter(goal, goal, problem, 100.0)
+    found = unavoidable_encounter(Ends(goal, goal, problem, 100.0))
     assert found.pair in ((0, 1), (1, 0))
     assert found.distance < problem.collision_radius
-    assert unavoidable_encounter(goal, goal, problem, 73.0) is None
-    assert unavoidable_encounter(goal, goal, problem, 75.0).distance < problem.collision_radius
+    assert unavoidable_encounter(Ends(goal, goal, problem, 73.0)) is None
+    assert (
+        unavoidable_encounter(Ends(goal, goal, problem, 75.0)).distance < problem.collision_radius
+    )
 
 
 def test_everything_within_a_distance_is_found_and_nothing_else():
@@ -142,21 +151,21 @@ def still(*offsets):
 
 def test_a_craft_that_stays_where_another_is_to_go_is_in_its_way_whatever_is_planned():
     problem = Problem()
-    found = unavoidable_encounter(still(0.0, 100.0), still(200.0, 10.0), problem, 1.0)
+    found = unavoidable_encounter(Ends(still(0.0, 100.0), still(200.0, 10.0), problem, 1.0))
     assert found.pair == (0, 1)
     assert found.node == 0
     assert found.distance == pytest.approx(10.0, abs=1e-6)
     assert problem.duration - 1e-6 <= found.time <= PERIOD
     # not before the plan ends, and not where the two are their own
-    assert unavoidable_encounter(still(0.0, 100.0), still(200.0, 10.0), problem, 0.2) is None
-    assert unavoidable_encounter(still(0.0, 100.0), still(5.0, 90.0), problem, 1.0) is None
+    assert unavoidable_encounter(Ends(still(0.0, 100.0), still(200.0, 10.0), problem, 0.2)) is None
+    assert unavoidable_encounter(Ends(still(0.0, 100.0), still(5.0, 90.0), problem, 1.0)) is None
 
 
 def test_goals_that_drift_into_each_other_are_in_the_way_whatever_is_planned():
     """Two rings of one size with centres 10 m apart: they stay that far apart."""
     e = Problem().mean_motion
     goal = pro_states(100.0, 0.0, np.zeros(2), 0.0, e, np.array([0.0, 10.0]))
-    found = unavoidable_encounter(still(-400.0, 400.0), goal, Problem(), 0.01)
+    found = unavoidable_encounter(Ends(still(-400.0, 400.0), goal, Problem(), 0.01))
     assert (found.pair, found.node) == ((0, 1), Problem().nodes - 1)
     assert found.distance == pytest.approx(10.0, abs=1e-4)
 

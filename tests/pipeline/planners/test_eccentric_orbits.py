@@ -11,7 +11,7 @@ from trials import Errors, drawn, wilson
 from pipeline.expert import solve
 from pipeline.flight.world import NonlinearWorld
 from pipeline.orbit.partition import pairs, swarm_partition
-from pipeline.orbit.passive_safety import least_after_loss, unavoidable_encounter
+from pipeline.orbit.passive_safety import Ends, least_after_loss, unavoidable_encounter
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -120,7 +120,7 @@ def test_where_no_plan_is_passively_safe_the_encounter_that_is_named_happens():
     scenario, problem = ring(1, 0.5), about(0.5)
     plan = solve(scenario, requirements=Requirements(passive_safety=0.5))
     assert plan.status == INFEASIBLE
-    found = unavoidable_encounter(scenario.initial, scenario.goal, problem, 0.5)
+    found = unavoidable_encounter(Ends(scenario.initial, scenario.goal, problem, 0.5))
     assert f"within {found.distance:g} m" in plan.message
     assert (found.node, problem.duration < found.time) == (0, True)
     begin = problem.orbit.states(np.zeros(1))[0]
