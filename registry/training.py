@@ -22,7 +22,6 @@ from pipeline.files import write_text
 from pipeline.networks.document import WEIGHTS_FILE
 from pipeline.networks.model import Model, save
 from pipeline.networks.model import load as load_network
-from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.scratch import scratch_folder, temporary_files_in
 from pipeline.text import as_argument
@@ -60,12 +59,7 @@ class TrainingRecord:
 
 
 def record_of(
-    trained: Trained,
-    *,
-    recipe: Recipe,
-    seed: int,
-    dataset: DatasetInfo,
-    metrics: Mapping[str, SupportsFloat],
+    trained: Trained, dataset: DatasetInfo, metrics: Mapping[str, SupportsFloat]
 ) -> TrainingRecord:
     """The record of a training; each field of its recipe becomes a parameter."""
     rows = [asdict(epoch) for epoch in trained.history]
@@ -73,9 +67,9 @@ def record_of(
     return TrainingRecord(
         params={
             "arch": trained.model.architecture,
-            **models.recipe_params(recipe),
+            **models.recipe_params(trained.recipe),
             "epochs": len(trained.history),
-            "seed": seed,
+            "seed": trained.seed,
             "device": trained.device,
             "threads": trained.threads,
             "mixed": ALL if trained.shuffle_buffer is None else trained.shuffle_buffer,
@@ -96,12 +90,7 @@ def record_of(
 
 
 def record_training(
-    trained: Trained,
-    *,
-    recipe: Recipe,
-    seed: int,
-    dataset: DatasetInfo,
-    metrics: Mapping[str, SupportsFloat] | None = None,
+    trained: Trained, dataset: DatasetInfo, metrics: Mapping[str, SupportsFloat] | None = None
 ) -> models.ModelVersion:
     """Record a training in MLflow and register its network as a version of ``prolearn-<arch>``.
 
@@ -113,7 +102,7 @@ def record_training(
         save(trained.model, folder)
         kib = (folder / WEIGHTS_FILE).stat().st_size / 1024
         measured = {**(metrics or {}), "weights_kib": kib}
-        record = record_of(trained, recipe=recipe, seed=seed, dataset=dataset, metrics=measured)
+        record = record_of(trained, dataset, measured)
         made_by = with_architectures(TRAINED_BY, [trained.model.architecture])
         count = sum(weights.numel() for weights in trained.model.network.state_dict().values())
         params = {**record.params, "parameters": count}

@@ -124,13 +124,9 @@ def train_models(
 
 
 def _record(task: training.TrainingTask, finished: training.FinishedTraining) -> ModelVersion:
-    return record_training(
-        finished.trained,
-        recipe=task.recipe,
-        seed=task.seed,
-        dataset=DatasetInfo(task.settings.data, task.digest, *finished.instances),
-        metrics={POSITION_RMSE: finished.error} | flown_metrics(finished.trials),
-    )
+    dataset = DatasetInfo(task.settings.data, task.digest, *finished.instances)
+    metrics = {POSITION_RMSE: finished.error} | flown_metrics(finished.trials)
+    return record_training(finished.trained, dataset, metrics)
 
 
 def flown_metrics(trials: pd.DataFrame) -> dict[str, float]:

@@ -182,13 +182,8 @@ def _record(
     with store_errors(store.uri):
         with recorded_run(store, TUNING, f"trial-{task.number}", tags) as run_id:
             if found:
-                record = record_of(
-                    found.trained,
-                    recipe=task.recipe,
-                    seed=task.seed,
-                    dataset=DatasetInfo(how.data, task.digest, *found.instances),
-                    metrics={POSITION_RMSE: found.error},
-                )
+                dataset = DatasetInfo(how.data, task.digest, *found.instances)
+                record = record_of(found.trained, dataset, {POSITION_RMSE: found.error})
                 store.client.log_batch(
                     run_id,
                     metrics=[*curve_metrics(record.history), *metrics_of(record.metrics)],

@@ -43,6 +43,8 @@ class Trained:
     """A model with the weights of its best epoch, on the CPU, and how it was trained."""
 
     model: Model
+    recipe: Recipe
+    seed: int
     history: tuple[Epoch, ...]
     best_epoch: int
     seconds: float
@@ -153,7 +155,8 @@ def train(
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     buffer = train.buffer if isinstance(train, ExampleStream) and not train.endless else None
-    return Trained(model, history, best, seconds, str(chosen), torch.get_num_threads(), buffer)
+    how = seconds, str(chosen), torch.get_num_threads(), buffer
+    return Trained(model, recipe, seed, history, best, *how)
 
 
 def _warm_up(objective: TrainingObjective, data: Batches) -> None:

@@ -163,13 +163,13 @@ def once(
 
 
 @pytest.fixture
-def recorded(once: Once, recipe: Recipe) -> Recorded:
+def recorded(once: Once) -> Recorded:
     """Function that records a training run, or copies the run recorded by an identical call."""
 
-    def record(trained: Trained, dataset: DatasetInfo, **more: Any) -> ModelVersion:
-        given = {"recipe": recipe, "seed": 0, "dataset": dataset, **more}
-        what = trained.model.architecture, trained.model.digest, repr(given)
-        version: ModelVersion = once(what, lambda: record_training(trained, **given))
+    def record(trained: Trained, *given: Any) -> ModelVersion:
+        how = trained.recipe, trained.seed, *given
+        what = trained.model.architecture, trained.model.digest, repr(how)
+        version: ModelVersion = once(what, lambda: record_training(trained, *given))
         return version
 
     return record
@@ -200,12 +200,14 @@ def on_solved(solved: Path) -> DatasetInfo:
 
 
 @pytest.fixture
-def register(recorded: Recorded, solved: Path) -> Callable[..., tuple[ModelVersion, Model]]:
+def register(
+    recorded: Recorded, recipe: Recipe, solved: Path
+) -> Callable[..., tuple[ModelVersion, Model]]:
     """Register a network with so much noise on its answers."""
 
     def one(scale: float, data: str = "") -> tuple[ModelVersion, Model]:
         model = network(scale)
-        trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
+        trained = Trained(model, recipe, 0, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
         used = DatasetInfo(data or str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
         return recorded(trained, used), model
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import load
 from registry.store import connect
@@ -17,11 +16,9 @@ PAGE = (Path(__file__).parents[2] / "docs" / "mlflow.md").read_text(encoding="ut
 
 
 def test_every_name_that_a_run_records_is_documented(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, trained: Trained, dataset: DatasetInfo
 ) -> None:
-    version = record_training(
-        trained, recipe=recipe, seed=0, dataset=dataset, metrics={"valid_position_rmse": 1.0}
-    )
+    version = record_training(trained, dataset, {"valid_position_rmse": 1.0})
     documented = set(re.findall(r"`([a-z_]+)`", PAGE))
     recorded = {*version.params, *version.metrics, *version.tags}
     assert recorded - documented == set()
@@ -33,10 +30,9 @@ def test_the_documented_cure_for_a_moved_project_works(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
 ) -> None:
-    record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    record_training(trained, dataset)
     moved = folder.rename(tmp_path / "moved here")
     monkeypatch.chdir(moved)
     with pytest.raises(InputError, match="After moving a project"):

@@ -18,7 +18,6 @@ from pipeline.errors import ProlearnError
 from pipeline.networks.architecture import recipe_for
 from pipeline.networks.model import Model
 from pipeline.networks.onnx_export import ExportedGraph, _traced_for, traced
-from pipeline.networks.recipes import Recipe
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import straight_line
@@ -99,9 +98,9 @@ def ff1(recorded: Callable[..., object], trained: Trained, dataset: DatasetInfo)
 
 
 def test_an_lstm_becomes_one_file_for_any_number_of_craft(
-    folder: Path, short_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, short_lstm: Trained, dataset: DatasetInfo
 ) -> None:
-    record_training(short_lstm, recipe=recipe, seed=0, dataset=dataset)
+    record_training(short_lstm, dataset)
 
     said = export("lstm1", "--format", "onnx")
 
@@ -128,18 +127,18 @@ def test_a_feed_forward_file_serves_up_to_its_training_s_size_and_its_card_says_
 
 
 def test_a_feed_forward_file_of_a_training_on_single_craft_is_for_one_craft(
-    folder: Path, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, dataset: DatasetInfo
 ) -> None:
     made = trained_on_straight_lines("ff1", PROBLEM, 1)
-    record_training(made, recipe=recipe, seed=0, dataset=dataset)
+    record_training(made, dataset)
     assert "for n = 1." in export("ff1", "--out", "one.onnx")
     assert_answers_like(folder / "one.onnx", made.model, 1)
 
 
 def test_several_models_go_into_a_folder_under_their_own_names_for_any_one_size_by_request(
-    folder: Path, ff1: Model, short_lstm: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, ff1: Model, short_lstm: Trained, dataset: DatasetInfo
 ) -> None:
-    record_training(short_lstm, recipe=recipe, seed=0, dataset=dataset)
+    record_training(short_lstm, dataset)
     said = export("ff1", "lstm1", "--n", "12", "--out", "onboard/new")
 
     names = ["prolearn-ff1-v1.onnx", "prolearn-lstm1-v1.onnx"]

@@ -14,7 +14,6 @@ from pipeline.dataset.making import sample
 from pipeline.dataset.samples import Sample
 from pipeline.errors import InputError
 from pipeline.experiments.records import LINEAR, NO_ERRORS, OPEN, REPLANNED
-from pipeline.networks.recipes import Recipe
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
@@ -52,14 +51,13 @@ def registered(
     once: Callable[..., object],
     trained: Trained,
     trained_lstm: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
 ) -> None:
     """A feed-forward network and an LSTM, and no refiner."""
 
     def record() -> None:
         for one in (trained, trained_lstm):
-            record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+            record_training(one, on_solved)
 
     once("ff1 and lstm1", record)
 

@@ -48,10 +48,10 @@ from registry.training import DatasetInfo, record_training
 shutil.copy("mlflow.db", {path!r})
 os.chdir({here!r})
 model = load(Path({network!r}))
-trained = Trained(model, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
+trained = Trained(model, recipe_for("ff1", "tuned"), 0, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
 dataset = DatasetInfo("data/paper", "0" * 64, 20, 5)
 try:
-    record_training(trained, recipe=recipe_for("ff1", "tuned"), seed=0, dataset=dataset)
+    record_training(trained, dataset)
 except ProlearnError as error:
     print(error)
 """

@@ -19,7 +19,6 @@ from typer.testing import CliRunner
 from cli.main import app
 from pipeline.experiments.example_transfer import write_example
 from pipeline.figures.transfer import Example
-from pipeline.networks.recipes import Recipe
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
 from pipeline.training.loop import Trained
@@ -58,17 +57,16 @@ def written(
     folder: Path,
     secret: Path,
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
 ) -> Written:
     """A store with a model, an evaluation and transfer times, by somebody who means no good."""
     text = HOSTILE.replace("/etc/passwd", str(secret))
     data = DatasetInfo(text, dataset.digest, 20, 5)
-    return once(text, lambda: write(text, folder, trained, recipe, data))
+    return once(text, lambda: write(text, folder, trained, data))
 
 
-def write(text: str, folder: Path, trained: Trained, recipe: Recipe, data: DatasetInfo) -> Written:
-    version = record_training(trained, recipe=recipe, seed=0, dataset=data)
+def write(text: str, folder: Path, trained: Trained, data: DatasetInfo) -> Written:
+    version = record_training(trained, data)
     same = {"dataset_digest": data.digest, "models": version.uri, "data": text}
     files = folder / "files"
     files.mkdir()

@@ -45,13 +45,9 @@ class Project:
         data: DatasetInfo | None = None,
         **changes: Any,
     ) -> ModelVersion:
-        return self.recorded(
-            self.trained,
-            data or self.dataset,
-            recipe=replace(self.recipe, name=recipe, **changes),
-            seed=seed,
-            metrics={"valid_position_rmse": rmse},
-        )
+        how = replace(self.recipe, name=recipe, **changes)
+        trained = replace(self.trained, recipe=how, seed=seed)
+        return self.recorded(trained, data or self.dataset, {"valid_position_rmse": rmse})
 
 
 @pytest.fixture

@@ -49,9 +49,10 @@ def project(tmp_path_factory: pytest.TempPathFactory, migrated: Path, solved: Pa
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        tuned = recipe_for("ff1", "tuned")
         for scale in (1.0, 0.5):
-            trained = Trained(network(scale), (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
-            record_training(trained, recipe=recipe_for("ff1", "tuned"), seed=0, dataset=data)
+            trained = Trained(network(scale), tuned, 0, (Epoch(1, 1.0, 1.0, 0.1),), 1, 0.1, "cpu")
+            record_training(trained, data)
         (folder / "files").mkdir()
         write_example(TRANSFER, folder / "files" / "example.npz")
         params = {"models": "models:/prolearn-ff1/1,models:/prolearn-ff1/2", "dataset_digest": "d"}

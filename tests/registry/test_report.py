@@ -35,7 +35,6 @@ def place(
     solved: Path,
     trained: Trained,
     trained_lstm: Trained,
-    recipe: Recipe,
 ) -> tuple[Path, dict[str, str]]:
     """A folder with a store that has all experiments, made once, and their run ids."""
     path = tmp_path_factory.mktemp("story")
@@ -44,7 +43,7 @@ def place(
         patch.chdir(path)
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
         leave_blank(patch)
-        return path, experiments(solved, trained, trained_lstm, recipe)
+        return path, experiments(solved, trained, trained_lstm)
 
 
 @contextmanager
@@ -63,12 +62,10 @@ def done(place: tuple[Path, dict[str, str]]) -> Iterator[dict[str, str]]:
         yield place[1]
 
 
-def experiments(
-    solved: Path, trained: Trained, trained_lstm: Trained, recipe: Recipe
-) -> dict[str, str]:
+def experiments(solved: Path, trained: Trained, trained_lstm: Trained) -> dict[str, str]:
     """All experiments with ff1 alone, then an evaluation and times with lstm1, too."""
     on_solved = DatasetInfo(str(solved), read_manifest(solved).digest(CRAFT), 12, 6)
-    record_training(trained, recipe=recipe, seed=0, dataset=on_solved)
+    record_training(trained, on_solved)
     alone = Workers(jobs=1)
     data, sizes = str(solved), f"{CRAFT}"
     times = TransferTimes(data=data, n=CRAFT, nodes="6", trials=1)
@@ -80,7 +77,7 @@ def experiments(
         "plain": warmstart(replace(seeds, optimizer="plain")),
         "times": transfer_times(times, workers=alone),
     }
-    record_training(trained_lstm, recipe=recipe, seed=0, dataset=on_solved)
+    record_training(trained_lstm, on_solved)
     runs["later evaluation"] = evaluate(evaluated, workers=alone)
     runs["later times"] = transfer_times(times, workers=alone)
     return {name: outcome.run_id for name, outcome in runs.items()}
@@ -140,7 +137,7 @@ def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
         "Experiment 3, plain": done["plain"],
         "Experiment 4": done["times"],
     }
-    assert list(runs.index[4:]) == ["Training ff1:tuned, seed 0"]
+    assert list(runs.index[4:]) == ["Training ff1:tuned, seed 3"]
     assert list(training["arch"]) == ["ff1"]
     assert "is left out" not in text
     assert "LSTM1" not in text
@@ -188,7 +185,7 @@ def test_other_versions_are_said_and_what_an_earlier_version_left_in_the_store_c
     gone = "prolearn-ablations"
     with opened(gone) as store, recorded_run(store, gone, "ablations", {}):
         pass
-    record_training(trained, recipe=replace(recipe, name="no-third"), seed=0, dataset=on_solved)
+    record_training(replace(trained, recipe=replace(recipe, name="no-third")), on_solved)
     changes = {
         done["evaluation"]: {"theirs:networks": "1.2+code.a"},
         done["plain"]: {"theirs:networks": "1.2+code.b"},
@@ -211,14 +208,11 @@ def test_trainings_keep_the_names_of_the_evaluation_where_one_of_them_was_delete
     solved: Path,
     trained: Trained,
     trained_lstm: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
 ) -> None:
     """Trainings with other seeds share one name; those with the same seed are named by version."""
     for one, seeds in ((trained, (0, 0)), (trained_lstm, (0, 1))):
-        versions = [
-            record_training(one, recipe=recipe, seed=seed, dataset=on_solved) for seed in seeds
-        ]
+        versions = [record_training(replace(one, seed=seed), on_solved) for seed in seeds]
     models = "ff1/1,ff1/2,lstm1/1,lstm1/2"
     asked = Evaluation(models=models, data=str(solved), sizes=f"{CRAFT}", trials=1, timed=0)
     evaluate(asked, workers=Workers(1))

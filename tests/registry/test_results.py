@@ -72,7 +72,7 @@ def test_the_newest_finished_run_counts(folder: Path) -> None:
 def test_runs_of_an_experiment_are_told_apart_by_name(
     recorded: Callable[..., ModelVersion], trained: Trained, dataset: DatasetInfo
 ) -> None:
-    of = [recorded(trained, dataset, seed=k).run_id for k in range(2)]
+    of = [recorded(replace(trained, seed=k), dataset).run_id for k in range(2)]
     of += [record(WARMSTART, TRIALS, params={"optimizer": name}) for name in ("expert", "plain")]
     of.append(record(EVALUATION, TRIALS, params={}))
     assert [connect().client.get_run(run_id).info.run_name for run_id in of] == [

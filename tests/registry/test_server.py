@@ -16,7 +16,6 @@ from tracking import end, serve
 
 from pipeline.errors import ProlearnError
 from pipeline.networks.model import load as load_network
-from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import load, resolve
 from registry.results import latest, record, table_of
@@ -55,14 +54,13 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     server: Started,
     folder: Path,
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     initial, goal = np.random.default_rng(0).normal(0, 100, (2, 2, 5, 6))
     wanted = trained.model.predict(initial, goal)
 
-    version = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    version = record_training(trained, dataset)
     assert resolve("ff1@champion").uri == version.uri == "models:/prolearn-ff1/1"
     np.testing.assert_array_equal(load("ff1")[0].predict(initial, goal), wanted)
     states = mlflow.pyfunc.load_model(version.uri).predict({"initial": initial, "goal": goal})
@@ -76,7 +74,7 @@ def test_a_server_does_all_that_a_file_does_and_its_end_loses_no_weights(
     started = time.monotonic()
     with pytest.raises(ProlearnError, match=r"127\.0\.0\.1.*kept in .*unregistered"):
         dying = replace(trained, device=EndsTheServer(server))
-        record_training(dying, recipe=recipe, seed=0, dataset=dataset)
+        record_training(dying, dataset)
     assert time.monotonic() - started < SOON
     (kept,) = (folder / "unregistered").iterdir()
     np.testing.assert_array_equal(load_network(kept).predict(initial, goal), wanted)
@@ -130,13 +128,12 @@ def test_weights_are_kept_where_the_server_is_away_from_the_start(
     free_port: int,
     monkeypatch: pytest.MonkeyPatch,
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
 ) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{free_port}")
     started = time.monotonic()
     with pytest.raises(ProlearnError, match=r"does not answer.*kept in") as caught:
-        record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+        record_training(trained, dataset)
     assert time.monotonic() - started < SOON
     (kept,) = (fresh / "unregistered").iterdir()
     assert str(kept) in str(caught.value)

@@ -18,7 +18,6 @@ from processes import SOON
 from rights import read_only
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.models import list_versions, load
 from registry.store import EXPERIMENTS, TRAINING, connect, opened, recorded_run, store_errors
@@ -66,13 +65,12 @@ def test_a_folder_whose_name_means_something_in_an_address_keeps_its_store(
     folder: Path,
     name: str,
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     here = folder.rename(folder.with_name(name))
     monkeypatch.chdir(here)
-    made = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    made = record_training(trained, dataset)
     assert [*here.parent.iterdir()] == [here] and connect().folder == here
 
     monkeypatch.chdir(here.parent)
@@ -123,13 +121,12 @@ def test_a_user_without_a_name_as_in_a_container_is_recorded_by_number_without_a
 def test_without_pip_a_training_is_recorded_without_a_word(
     folder: Path,
     trained: Trained,
-    recipe: Recipe,
     dataset: DatasetInfo,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("mlflow.utils.environment._get_package_version", lambda name: None)
-    record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    record_training(trained, dataset)
     assert capfd.readouterr().err == ""
 
 
@@ -166,9 +163,9 @@ def test_reading_a_store_that_is_not_there_names_the_command_that_makes_one(fres
 
 
 def test_a_store_in_a_place_that_is_read_only_is_read_and_not_written(
-    folder: Path, trained: Trained, recipe: Recipe, dataset: DatasetInfo
+    folder: Path, trained: Trained, dataset: DatasetInfo
 ) -> None:
-    made = record_training(trained, recipe=recipe, seed=0, dataset=dataset)
+    made = record_training(trained, dataset)
     (folder / "mlflow.db.lock").unlink()
     before = sorted(folder.rglob("*"))
     with read_only(folder):

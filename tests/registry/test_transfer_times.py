@@ -17,7 +17,6 @@ from scipy.linalg import null_space
 from cli.jobs.experiments import transfer_times
 from cli.settings import TransferTimes
 from pipeline.errors import InputError
-from pipeline.networks.recipes import Recipe
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
 from pipeline.training.loop import Trained
@@ -43,14 +42,13 @@ def registered(
     once: Callable[..., object],
     trained: Trained,
     trained_lstm: Trained,
-    recipe: Recipe,
     on_solved: DatasetInfo,
 ) -> None:
     """A feed-forward network and an LSTM."""
 
     def record() -> None:
         for one in (trained, trained_lstm):
-            record_training(one, recipe=recipe, seed=0, dataset=on_solved)
+            record_training(one, on_solved)
 
     once("ff1 and lstm1", record)
 
@@ -161,11 +159,9 @@ def close_nodes(states: np.ndarray) -> int:
 
 
 def test_networks_of_another_problem_than_the_dataset_are_refused(
-    folder: Path, trained_lstm: Trained, recipe: Recipe, on_solved: DatasetInfo, solved: Path
+    folder: Path, trained_lstm: Trained, on_solved: DatasetInfo, solved: Path
 ) -> None:
     elsewhere = trained_lstm.model.on(replace(trained_lstm.model.problem, time_step=90.0))
-    record_training(
-        replace(trained_lstm, model=elsewhere), recipe=recipe, seed=0, dataset=on_solved
-    )
+    record_training(replace(trained_lstm, model=elsewhere), on_solved)
     with pytest.raises(InputError, match=r"time_step 240 and the network lstm1 .* with 90;"):
         transfer_times(TransferTimes(data=str(solved), n=CRAFT, nodes="6", trials=2), workers=ALONE)
