@@ -21,6 +21,7 @@ from pipeline.orbit.approaches import PROVABLE, TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, Rows, States, Values
 from pipeline.orbit.corridors import margins
 from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
+from pipeline.orbit.drift_search import DriftingPaths
 from pipeline.orbit.partition import SwarmPartition, least_of_each
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
@@ -123,11 +124,8 @@ class ConflictDetection:
         orbits = self.requirements.passive_safety
         if orbits is None:
             return cuts, bound
-        found = loss_encounters(
-            *(flown.states, flown.controls, self.problem, orbits, within),
-            swarms=self.swarms,
-            moved=moved,
-        )
+        paths = DriftingPaths(flown.states, flown.controls, self.problem, orbits, self.swarms)
+        found = loss_encounters(paths, within, moved)
         assert found.node is not None  # at which the first craft lost its thrust
         where = found.first, found.second, found.interval, found.node
         found = found[self._closest_in_blocks(found.bound, *where)]

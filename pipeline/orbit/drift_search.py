@@ -11,7 +11,7 @@ from pipeline.orbit.approaches import chord_balls, chord_distances
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
-from pipeline.orbit.partition import SwarmPartition
+from pipeline.orbit.partition import SwarmPartition, swarm_partition
 from pipeline.orbit.problem import Problem
 
 # Node of loss, number of the pair, first time step, and bound on the acceleration adrift, m/s²
@@ -24,7 +24,10 @@ NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is r
 
 
 class DriftingPaths:
-    """A plan of participants flown to its end, and the drift from there for a number of orbits."""
+    """A plan of participants flown to its end, and the drift from there for a number of orbits.
+
+    By default there is one swarm.
+    """
 
     def __init__(
         self,
@@ -32,8 +35,9 @@ class DriftingPaths:
         controls: Controls,
         problem: Problem,
         orbits: float,
-        swarms: SwarmPartition,
+        swarms: SwarmPartition | None = None,
     ) -> None:
+        swarms = self.swarms = swarms or swarm_partition((len(states),))
         states, controls = swarms.all_states(states), swarms.all_controls(controls)
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
@@ -96,19 +100,15 @@ class BlockSearch:
     """
 
     def __init__(
-        self,
-        paths: DriftingPaths,
-        reach: Float[Array, "craft"],
-        swarms: SwarmPartition,
-        moved: CraftMask | None,
+        self, paths: DriftingPaths, reach: Float[Array, "craft"], moved: CraftMask | None
     ) -> None:
-        self.paths, self.reach, self.swarms, self.moved = paths, reach, swarms, moved
-        lost, met = swarms.loss_pairs
+        self.paths, self.reach, self.moved = paths, reach, moved
+        lost, met = paths.swarms.loss_pairs
         if moved is not None:
             affected = moved[lost] | moved[met]
             lost, met = lost[affected], met[affected]
         self.lost, self.met = lost, met
-        self.scale, beyond = swarms.separation_scaling(lost, met)
+        self.scale, beyond = paths.swarms.separation_scaling(lost, met)
         self.within = reach[lost] + beyond
         h, each = paths.problem.time_step, np.arange(paths.controls.shape[1])
         most = paths.dynamics.acceleration_bound(paths.states[:, :-1], paths.controls, h, each)
@@ -155,7 +155,7 @@ class BlockSearch:
         size[: len(self.reach)] += self.reach[:, None]
         for part in parts:
             lost, met = self.lost[part], self.met[part]
-            separation = self.swarms.separations(centre, middle, lost, met)
+            separation = paths.swarms.separations(centre, middle, lost, met)
             near = separation <= size.take(lost, 0) + radius.take(met, 0)
             near = near.reshape(len(part), *begin.shape).swapaxes(0, 1)
             near &= self._wanted(nodes[:, None, None], part[:, None], begin[:, None], width)

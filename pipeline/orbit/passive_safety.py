@@ -19,7 +19,7 @@ from pipeline.orbit.approaches import Approaches, Motions, close_approaches, clo
 from pipeline.orbit.arrays import Controls, CraftMask, Formation, States, Values
 from pipeline.orbit.drift_search import BlockSearch, DriftingPaths
 from pipeline.orbit.participants import Obstacle, Participants, at_the_end
-from pipeline.orbit.partition import SwarmPartition, swarm_partition
+from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.problem import RANGES, Problem
 from pipeline.orbit.separation import (
     ROUNDING,
@@ -35,36 +35,20 @@ SHORTEST = 2 * RANGES["time_step"][0]
 
 
 def loss_encounters(
-    states: States,
-    controls: Controls,
-    problem: Problem,
-    orbits: float,
+    paths: DriftingPaths,
     within: float | Float[Array, "swarms"],
-    *,
-    swarms: SwarmPartition | None = None,
     moved: CraftMask | None = None,
 ) -> Approaches:
     """All encounters within a distance, m, of craft adrift from a node with others.
 
-    The distance is one for all swarms or one for each; by default there is one swarm. ``orbits`` is
-    the length of a drift. Encounters that no controls of ``moved`` craft affect are skipped.
+    The distance is one for all swarms or one for each. Encounters that no controls of ``moved``
+    craft affect are skipped.
     """
-    swarms = swarms or swarm_partition((len(states),))
-    paths = DriftingPaths(states, controls, problem, orbits, swarms)
-    return _encounters_adrift(paths, within, swarms, moved)
-
-
-def _encounters_adrift(
-    paths: DriftingPaths,
-    within: float | Float[Array, "swarms"],
-    swarms: SwarmPartition,
-    moved: CraftMask | None = None,
-) -> Approaches:
-    """As ``loss_encounters``, of paths that are known."""
+    swarms = paths.swarms
     reach = swarms.per_craft(within)
     moved = None if moved is None else swarms.participant_mask(moved)
     none = (np.zeros(0, dtype=int),) * 4
-    near = BlockSearch(paths, reach, swarms, moved).candidates()
+    near = BlockSearch(paths, reach, moved).candidates()
     lost, node, other, interval = map(np.concatenate, zip(none, *near, strict=True))
     if moved is not None:  # in the order in which further starts take their random shifts
         order = np.lexsort((interval >= paths.last, node))
@@ -72,7 +56,7 @@ def _encounters_adrift(
     cut, found = interval - node == paths.whole, []
     for length, which in ((paths.problem.time_step, ~cut), (paths.rest, cut)):
         where = lost[which], node[which], other[which], interval[which]
-        found.append(_closest(paths, length, reach, where, swarms))
+        found.append(_closest(paths, length, reach, where))
     return Approaches.concatenated(found)
 
 
@@ -81,17 +65,13 @@ def least_after_loss(
 ) -> list[Separation]:
     """The least separation between a craft after loss of thrust and any other, in each swarm."""
     paths = DriftingPaths(states, controls, problem, orbits, swarms)
-    least = _closest_sampled(paths, swarms)
-    found = _encounters_adrift(paths, distances_of(least), swarms)
+    least = _closest_sampled(paths)
+    found = loss_encounters(paths, distances_of(least))
     return replace_if_closer(least, found, problem, swarms)
 
 
 def _closest(
-    paths: DriftingPaths,
-    length: float,
-    reach: Values,
-    which: Iterable[Array],
-    swarms: SwarmPartition,
+    paths: DriftingPaths, length: float, reach: Values, which: Iterable[Array]
 ) -> Approaches:
     """The encounters among candidates."""
     lost, node, other, interval = which
@@ -100,7 +80,7 @@ def _closest(
     start = drifting - paths.states[other, interval]
     A, B = dynamics.step(length, interval)
     end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))
-    scale, beyond = swarms.separation_scaling(lost, other)
+    scale, beyond = paths.swarms.separation_scaling(lost, other)
     flown = np.concatenate([end, start, -held], axis=1)
     motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
@@ -113,11 +93,12 @@ def _closest(
     )
 
 
-def _closest_sampled(paths: DriftingPaths, swarms: SwarmPartition) -> list[Separation]:
+def _closest_sampled(paths: DriftingPaths) -> list[Separation]:
     """Least separation after a loss of thrust at the first time of each block of time steps.
 
     The bound is lower by the rounding error.
     """
+    swarms = paths.swarms
     closest = [Separation()] * len(swarms.sizes)
     lost, met = swarms.loss_pairs
     since, step = np.arange(0, paths.whole + 1, paths.width), paths.problem.time_step

@@ -9,6 +9,7 @@ from pipeline.expert.conflicts import BLOCKS, BackOff, ConflictDetection, Trajec
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.orbit.approaches import close_approaches
 from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.drift_search import DriftingPaths
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
@@ -58,7 +59,7 @@ def test_after_a_loss_of_thrust_a_block_is_of_times_of_the_loss_too():
     cuts, bound = detection(FINE, asked).conflicts(motion, within)
     _, flying = detection(FINE).conflicts(motion, within)
     plan, some = (motion.states, motion.controls, FINE), np.ones(8, dtype=bool)
-    every = loss_encounters(*plan, ORBITS, within, moved=some)
+    every = loss_encounters(DriftingPaths(*plan, ORBITS), within, some)
     blocks = every.interval // WIDTH, every.node // WIDTH
     wanted = least_of_blocks(every.bound, every.first, every.second, *blocks)
     assert np.sort(bound[len(flying) :]).tolist() == sorted(wanted.values())

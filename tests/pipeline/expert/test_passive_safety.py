@@ -11,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings, solve, solve_many
 from pipeline.expert.cuts import gaps, half_spaces, passive_safety_cuts
 from pipeline.expert.decoupled import decoupled_optima
+from pipeline.orbit.drift_search import DriftingPaths
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.passive_safety import loss_encounters
 from pipeline.orbit.problem import Problem
@@ -158,7 +159,7 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
     own = decoupled_optima(*ends, PROBLEM).controls
     states = fly(scenario.initial, own, PROBLEM)
     moved = np.ones(5, dtype=bool)
-    found = loss_encounters(states, own, PROBLEM, 1.0, 30.0, moved=moved)
+    found = loss_encounters(DriftingPaths(states, own, PROBLEM, 1.0), 30.0, moved)
     cuts = passive_safety_cuts(found, states, PROBLEM, swarm_partition((len(states),)))
     normal = rng.normal(size=(len(cuts), 3))
     planes = half_spaces(cuts, normal, scenario.initial, PROBLEM, 0.0)

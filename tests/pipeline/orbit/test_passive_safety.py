@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from judge import Case, closest_adrift
 
 from pipeline.errors import InputError
+from pipeline.orbit.drift_search import DriftingPaths
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.passive_safety import (
     Ends,
@@ -91,7 +92,7 @@ def test_everything_within_a_distance_is_found_and_nothing_else():
     problem, orbits = Problem(nodes=4), 0.2
     states, controls = transfer(7, 5, problem)
     within = 120.0
-    found = loss_encounters(states, controls, problem, orbits, within)
+    found = loss_encounters(DriftingPaths(states, controls, problem, orbits), within)
     assert len(found.first) > 20
     assert (found.bound <= within).all()
     assert (np.abs(found.distance - found.bound) < 1e-4).all()
@@ -131,8 +132,9 @@ def test_what_moved_craft_have_no_say_in_is_left_out(problem):
     """A craft adrift has its say before the loss, another until it is at its goal."""
     states, controls = transfer(3, 4, problem)
     moved = np.array([True, False, False, False])
-    every = loss_encounters(states, controls, problem, 1.0, 150.0)
-    found = loss_encounters(states, controls, problem, 1.0, 150.0, moved=moved)
+    paths = DriftingPaths(states, controls, problem, 1.0)
+    every = loss_encounters(paths, 150.0)
+    found = loss_encounters(paths, 150.0, moved)
     last = problem.nodes - 1
     says = moved[every.first] & (every.node > 0) & (every.node < last)
     says |= moved[every.second] & (every.interval < last)
