@@ -162,10 +162,6 @@ class Participants(SwarmPartition):
         """As ``SwarmPartition.participant_mask``: no obstacle is."""
         return np.append(moved, np.zeros(len(self.obstacles), dtype=bool))
 
-    def is_obstacle(self, rows: Indices) -> Bool[Array, "k"]:
-        """As ``SwarmPartition.is_obstacle``."""
-        return np.asarray(rows >= self.craft)
-
     def local_index(self, swarm: int, row: int) -> int:
         """As ``SwarmPartition.local_index``; the swarm's obstacles follow its craft."""
         if row < self.craft:

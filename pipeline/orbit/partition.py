@@ -71,8 +71,8 @@ class SwarmPartition:
         return moved
 
     def is_obstacle(self, rows: Indices) -> Bool[Array, "k"]:
-        """Which participants are obstacles, which no plan moves."""
-        return np.zeros(len(rows), dtype=bool)
+        """Which participants are obstacles, which come after the craft and which no plan moves."""
+        return np.asarray(rows >= len(self.label))
 
     def local_index(self, swarm: int, row: int) -> int:
         """Index of a participant within its swarm."""
