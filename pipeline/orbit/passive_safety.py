@@ -117,7 +117,7 @@ def _closest_sampled(paths: DriftingPaths) -> list[Separation]:
     return closest
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ends:
     """Initial and goal states, and how many orbits craft drift after a loss of thrust.
 
