@@ -165,6 +165,21 @@ def impossible_states(scenario: Scenario) -> str:
     return _state_conflict(alone, int(_end_collisions(*ends, participants([alone])).sum()))
 
 
+def impossible_for_any_goals(scenario: Scenario) -> bool:
+    """Whether required states are too close, also to obstacles, whichever goals the craft take.
+
+    Goals are held apart by the least of the radii.
+    """
+    problem, least = scenario.problem, scenario.radii.min()
+    small = replace(scenario, craft=tuple(replace(one, radius=least) for one in scenario.craft))
+    start, end = slice(0, 1), slice(problem.intervals, problem.nodes)
+    for one, states, node in ((scenario, scenario.initial, start), (small, scenario.goal, end)):
+        radius, swarm = problem.collision_radius, participants([one])
+        if swarm_node_collisions(states[:, None], radius, swarm, node).any():
+            return True
+    return bool(_meeting(scenario))
+
+
 def _end_collisions(
     initial: Formation, goal: Formation, problem: Problem, swarms: SwarmPartition
 ) -> Int[Array, "swarms"]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, ProlearnError
-from pipeline.expert.batch import Batch, impossible_states
+from pipeline.expert.batch import Batch, impossible_for_any_goals, impossible_states
 from pipeline.expert.decoupled import minimum_fuel
 from pipeline.orbit.arrays import Controls, CraftMask, States, Values, norm
 from pipeline.orbit.nonlinear import NonlinearFlight
@@ -82,9 +82,10 @@ class AsFlown(PlannerWrapper):
         dear, solves = linear.certificate.optimality_gap + MOST_FUEL_ADDED, linear.convex_solves
         passed = _passed(linear)
         plan = _corrected(scenario, linear, self.requirements, passed)
-        given = not isinstance(self.planner, GoalAssignment)  # else other orders may be possible
-        if linear.status == INFEASIBLE and given and (why := impossible_states(scenario)):
-            plan = replace(plan, status=INFEASIBLE, message=why)
+        if linear.status == INFEASIBLE and (why := impossible_states(scenario)):
+            assigned = isinstance(self.planner, GoalAssignment)  # other orders may be possible
+            if not assigned or impossible_for_any_goals(replace(scenario, obstacles=())):
+                plan = replace(plan, status=INFEASIBLE, message=why)
         best = plan
         for tried in range(MOST_PLANS - 1):
             is_dear = tried == 0 and plan.certificate.optimality_gap > dear

@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
-from pipeline.expert.batch import Batch
+from pipeline.expert.batch import Batch, impossible_for_any_goals
 from pipeline.expert.decoupled import (
     PROGRAM,
     TABLE,
@@ -253,8 +253,11 @@ class _Candidates:
         self.cheapest = next(ranked(costs.fuel), None)
         # Costs, and the assignment of least, without goals that are proven to be of no use.
         self.allowed = np.where(_inside_corridors(scenario), costs.fuel, np.inf)
-        self.first = next(ranked(self.allowed), None)
         self.forbidden = "some craft is outside of a corridor at an end"  # in the others
+        if impossible_for_any_goals(scenario):
+            self.allowed = np.full_like(costs.fuel, np.inf)
+            self.forbidden = "states that they must have are too close"
+        self.first = next(ranked(self.allowed), None)
         self.tried: dict[Slots, Plan] = {}
 
     @cached_property

@@ -322,15 +322,16 @@ def test_states_that_leave_no_plan_in_any_motion_are_infeasible_in_the_flight_to
     outside = Corridor(box, 0.0, scenario.problem.duration, (0,))
     apart = np.linalg.norm(scenario.goal[0, :3] - scenario.goal[1, :3])
     wide = replace(scenario.problem, collision_radius=float(apart) + 1.0)
-    for asked, why in (
-        (replace(scenario, corridors=(outside,)), r"m outside corridors\[0\].* at the start"),
-        (replace(scenario, problem=wide), "m apart at the .*, whatever is planned"),
+    for asked, why, assigned in (
+        # In another order it might be possible, but goals are too close whoever takes them.
+        (replace(scenario, corridors=(outside,)), r"m outside corridors\[0\].* start", UNSOLVED),
+        (replace(scenario, problem=wide), "m apart at the .*, whatever is planned", INFEASIBLE),
     ):
         (plan,) = AsFlown(Expert()).plan([asked])
         assert plan.status == INFEASIBLE
         assert re.search(why, plan.message)
         (other,) = AsFlown(GoalAssignment(Expert())).plan([asked])
-        assert other.status == UNSOLVED  # in another order it might be possible
+        assert other.status == assigned
 
 
 def test_a_limit_that_leaves_corrections_nothing_is_not_said_to_be_out_of_reach():

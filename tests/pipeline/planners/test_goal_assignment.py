@@ -20,6 +20,7 @@ from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment, decoupl
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, draw
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.scenario.waypoint import Waypoint
 
 
 def valid(family, n, index, problem=None):
@@ -177,11 +178,11 @@ def test_no_plan_is_said_to_be_possible_only_where_every_order_is_refuted():
 
 
 def test_nothing_is_proven_of_orders_that_were_not_tried():
-    """All orders of four craft are infeasible, but no more than the cheapest 16 are planned."""
-    scenario = between_starts(4, 14, 164, 30.0)
-    (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
+    """All 24 orders of four craft collide in the only flight they have; 17 of them are flown."""
+    scenario = draw("dense", 5, 4, 10, Problem(nodes=3, time_step=600.0, collision_radius=30.0))
+    (plan,) = GoalAssignment(Expert(Settings(max_rounds=0))).plan([scenario])
     assert plan.status == UNSOLVED
-    assert plan.message.startswith("no plan found for 16 assignments; for this one, ")
+    assert plan.message.startswith("no plan found for 17 assignments; for this one, ")
 
 
 def test_an_order_that_was_merely_not_solved_is_not_refuted_with_another():
@@ -199,8 +200,11 @@ def along_track(*y):
     return pro_states(1e-9, 0.0, np.zeros(len(at)), 0.0, Problem().mean_motion, at)
 
 
-# On an ellipse 200 m long, through the place at 1400 m once in each orbit, far from all others
-PASSING = pro_states(100.0, 0.0, np.zeros(1), 0.0, Problem().mean_motion, np.array([1500.0]))[0]
+# On an ellipse 200 m long, through the place at 1400 m once in each orbit, after the transfer, and
+# far from all others
+PASSING = pro_states(100.0, 0.0, np.array([-1.0]), 0.0, Problem().mean_motion, np.array([1500.0]))[
+    0
+]
 
 
 @pytest.mark.parametrize(
@@ -217,6 +221,48 @@ def test_with_an_obstacle_every_order_that_drifts_into_something_is_refuted(goal
     (plan,) = GoalAssignment(Expert(requirements=ADRIFT)).plan([scenario])
     assert plan.status == INFEASIBLE
     assert "whichever goals they take, a craft adrift" in plan.message
+
+
+STARTS, GOALS = along_track(0, 300, 600, 900, 1200), along_track(60, 360, 660, 960, 1260)
+SMALL, LARGE = Spacecraft(radius=2.0), Spacecraft(radius=7.5)
+# Of two craft that must be 10 m apart after half of the time
+MET = tuple(Waypoint(k, (0.0, 10.0 * k, 0.0), time=600.0) for k in range(2))
+
+
+@pytest.mark.parametrize(
+    "close",
+    [
+        {"initial": along_track(0, 14.9, 600, 900, 1200)},
+        {"goal": along_track(60, 360, 660, 960, 974.9)},
+        {"initial": along_track(0, 14.9, 600, 900, 1200), "craft": (LARGE,) * 2 + (SMALL,) * 3},
+        {"goal": along_track(60, 360, 660, 960, 963.9), "craft": (LARGE,) * 2 + (SMALL,) * 3},
+        {"obstacles": (Obstacle("debris", (0.0, 1260.0, 0.0, 0.0, 0.0, 0.0), radius=5.0),)},
+        {"waypoints": MET},
+    ],
+    ids=[
+        "starts",
+        "goals",
+        "starts of large craft",
+        "goals for small ones",
+        "obstacle",
+        "waypoints",
+    ],
+)
+def test_states_too_close_whoever_takes_which_goal_leave_no_plan(close):
+    """Of craft at rest, some of which are of half the collision radius of 15 m, others of 2 m."""
+    scenario = Scenario(**{"problem": Problem(), "initial": STARTS, "goal": GOALS, **close})
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    assert (plan.status, plan.assignment.tried) == (INFEASIBLE, 1)
+    assert plan.message.startswith("whichever goals they take, states that they must have are too")
+
+
+def test_goals_too_close_for_some_craft_are_taken_by_others():
+    """11 m apart, for craft of 7.5 m radius, which they cannot be, and of 2 m."""
+    goal = along_track(60, 71, 660, 960, 1260)
+    scenario = Scenario(Problem(), STARTS, goal, craft=(LARGE,) * 2 + (SMALL,) * 3)
+    (plan,) = GoalAssignment(Expert()).plan([scenario])
+    assert solve(scenario).status == INFEASIBLE
+    assert plan.status == SOLVED and len({0, 1} & set(plan.assignment.slots[:2])) < 2
 
 
 def test_a_craft_in_the_way_of_two_goals_is_in_the_way_whoever_takes_them():
