@@ -224,6 +224,10 @@ def _filesystem(url: str) -> tuple[Any, str]:
                     f"{public_url(url)} is no URL that pyarrow reads ({_reason(error, url)}); "
                     "expected one with settings that pyarrow knows."
                 ) from None
+            if url.startswith("ftp:///"):  # of which fsspec prints a traceback besides
+                raise InputError(
+                    f"{public_url(url)} names no server; expected ftp://SERVER/FOLDER."
+                ) from None
             import fsspec  # only for kinds of URL that Arrow does not know
 
             files, root = fsspec.url_to_fs(url)

@@ -175,6 +175,12 @@ def test_a_url_of_no_known_kind_or_without_what_its_kind_needs_is_refused(url):
         open_folder(url)
 
 
+def test_an_ftp_url_without_a_server_is_refused_in_a_sentence_alone(capfd):
+    with pytest.raises(InputError, match=r"^ftp:///x names no server; expected ftp://SERVER/"):
+        open_folder("ftp:///x")
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("url", ["az://c/x", "abfs://c/x"])
 def test_a_url_whose_package_is_not_installed_names_it(url, monkeypatch):
     monkeypatch.setitem(sys.modules, "adlfs", None)
