@@ -76,6 +76,7 @@ EARLY = datetime(1961, 1, 1, 0, 30, tzinfo=timezone(timedelta(hours=2)))  # of 1
         (lambda: prolearn.show(swap()), "plan is Scenario.*; expected Plan"),
         (lambda: prolearn.scenario_from_files("a", "b", epoch=5), "epoch is 5; expected a date"),
         (lambda: prolearn.plan(swap(), risk=1e-3), "risk is 0.001; expected a RiskLimit"),
+        (lambda: prolearn.Requirements("never"), "separation is 'never'; expected continuous or"),
         (lambda: prolearn.RiskLimit(1e-3), "risk is 0.001 and no error is given"),
         (lambda: prolearn.RiskLimit(1e-3, 0.0, 0.0, 0.0), "no error is given"),
         (lambda: prolearn.RiskLimit(1e-3, errors=prolearn.Errors(missed=0.1)), "no error is given"),

@@ -176,6 +176,7 @@ def test_goals_that_drift_into_each_other_are_in_the_way_whatever_is_planned():
 def test_what_is_no_length_of_a_drift_is_refused(orbits):
     with pytest.raises(InputError, match="expected a number above 0 and at most 100"):
         Requirements(passive_safety=orbits)
+    assert Requirements(passive_safety=100.0).passive_safety == 100.0
 
 
 @given(gap=st.floats(1.0, 200.0), begin=st.floats(-500.0, 500.0))

@@ -10,13 +10,14 @@ from pipeline.errors import InputError
 from pipeline.expert import decoupled_optima, solve, within_risk
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
+from pipeline.plan.certificate import Feedback
 from pipeline.plan.document import plan_document
 from pipeline.plan.judge import Draft, certified_plan
 from pipeline.plan.plan import SOLVED, UNSOLVED, summary
 from pipeline.plan.recheck import recheck
 from pipeline.plan.requirements import Requirements, RiskLimit
 from pipeline.planners.classical import BASELINES, Expert
-from pipeline.scenario import draw
+from pipeline.scenario import Scenario, draw
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.show.tables import certificate_rows, verdict
 
@@ -58,6 +59,11 @@ def test_an_unsafe_plan_names_the_pair_and_the_time(unsafe):
         found.reasons
     )
     assert f"{unsafe.certificate.min_separation_time:.6g} s" in " ".join(found.reasons)
+
+
+def test_what_an_unsafe_plan_says_of_itself_is_said_once(unsafe):
+    (fault,) = recheck(unsafe).faults
+    assert fault.startswith("The plan is unsafe: craft ")
 
 
 def test_a_plan_that_only_claims_to_be_solved_is_found_out(unsafe):
@@ -166,9 +172,19 @@ def test_a_risk_is_found_anew_and_a_false_one_named(plan):
     asked = replace(risk, asked=risk.bound / 2)
     (fault,) = recheck(replace(careful, certificate=replace(found, risk=asked))).faults
     assert fault.startswith("The risk that a pair comes within 15 m is bounded by")
-    less = replace(found, risk=replace(risk, bound=risk.bound / 2))
-    (fault,) = recheck(replace(careful, certificate=less)).faults
-    assert fault.startswith(f"The file claims risk.bound {risk.bound / 2:.6g}, its controls give")
+    for share in (1 / 2, 0.97):
+        less = replace(found, risk=replace(risk, bound=share * risk.bound))
+        (fault,) = recheck(replace(careful, certificate=less)).faults
+        assert fault.startswith(f"The file claims risk.bound {less.risk.bound:.6g}, its controls")
+
+
+def test_a_risk_with_a_pointed_thruster_is_found_anew_unless_it_is_of_feedback():
+    scenario = with_thrust(draw("rings", 0, 2, 0, Problem()), Thrust("norm"))
+    careful = within_risk(solve(scenario), Requirements(risk=RiskLimit(0.1, navigation_sigma=0.1)))
+    assert recheck(careful).faults == ()
+    fed_back = replace(careful.certificate.risk, feedback=Feedback(0.0, 0.0))
+    with pytest.raises(InputError, match="a risk is asked for in closed loop"):
+        recheck(replace(careful, certificate=replace(careful.certificate, risk=fed_back)))
 
 
 def test_what_a_file_claims_of_a_loss_of_thrust_is_found_anew(plan):
@@ -228,6 +244,34 @@ def test_claims_of_thrust_are_found_anew(forged):
     if change is not None:
         missing = replace(plan, certificate=replace(plan.certificate, **{name: None}))
         assert recheck(missing).faults
+
+
+def test_a_bound_hardly_above_what_is_burned_is_false():
+    """By a hundred-thousandth, and one below by as much may be true."""
+    left = (Spacecraft(delta_v=4.0), Spacecraft(delta_v=5.0))
+    plan = solve(
+        with_thrust(draw("rings", 0, 2, 0, Problem()), Thrust("norm", objective="fair"), left)
+    )
+    for by, false in ((1 + 1e-5, True), (1 - 1e-5, False)):
+        share = replace(
+            plan.certificate.largest_share, bound=by * plan.certificate.largest_share.share
+        )
+        claims = replace(
+            plan.certificate, fuel_lower_bound=by * plan.certificate.fuel, largest_share=share
+        )
+        faults = recheck(replace(plan, certificate=claims)).faults
+        assert [one.split()[3] for one in faults] == [
+            "largest_share.bound",
+            "fuel_lower_bound",
+        ] * false
+
+
+def test_a_plan_that_burns_nothing_has_no_fault():
+    """Of craft that stay where they are, along-track of the reference."""
+    there = np.array([[0.0, 100.0 * k, 0, 0, 0, 0] for k in range(2)])
+    plan = solve(Scenario(Problem(), there, there))
+    assert plan.certificate.fuel == 0
+    assert recheck(plan).faults == ()
 
 
 @pytest.mark.parametrize(
