@@ -88,6 +88,19 @@ def test_with_errors_it_is_the_one_that_lacks_most_of_its_back_off(monkeypatch):
     assert len(cuts) == len(wanted) < len(every) / 2
 
 
+def test_two_craft_back_off_by_root_two_of_the_deviation_of_one():
+    """In straight lines, 20 m apart at the middle, each of them known to three metres."""
+    problem = Problem(mean_motion=1e-12, time_step=100.0, nodes=4)
+    start = np.array([[0, 0, 0, 0, 0, 0], [-150.0, 20, 0, 1.0, 0, 0]])
+    motion = Trajectory(np.zeros((2, 3, 3)), fly(start, np.zeros((2, 3, 3)), problem))
+    errors, left = BackOff(Uncertainty(position=3.0), 3.0), 20 - 3 * 2**0.5 * 3
+    of = ConflictDetection(problem, AT_ALL_TIMES, swarm_partition((2,)), back_off=errors)
+    cuts, bound = of.conflicts(motion, left + 0.01)
+    assert cuts.interval.tolist() == [1]
+    assert bound == pytest.approx([left], abs=2e-3)
+    assert len(of.conflicts(motion, left - 0.01)[0]) == 0
+
+
 def test_on_a_grid_of_no_more_intervals_than_blocks_every_approach_is_cut():
     problem = Problem(time_step=30.0, nodes=BLOCKS + 1)
     motion = flown(problem)

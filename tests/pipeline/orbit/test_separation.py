@@ -249,6 +249,8 @@ def test_collisions_of_a_large_swarm_are_counted_pair_by_pair():
     gap = np.linalg.norm(states[:, None, :, :3] - states[None, :, :, :3], axis=-1)
     i, j = np.triu_indices(140, 1)
     assert node_collisions(states, 15.0) == (gap[i, j] <= 15.0).sum() > 0
+    both = node_collisions(np.stack([states, 2 * states]), 15.0)
+    assert both.tolist() == [(gap[i, j] <= least).sum() for least in (15.0, 7.5)]
 
 
 def translated(along, shift, problem):
