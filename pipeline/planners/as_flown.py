@@ -29,7 +29,7 @@ from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import Requirements
-from pipeline.planners.goal_assignment import GoalAssignment
+from pipeline.planners.goal_assignment import GoalAssignment, with_saving
 from pipeline.planners.planner import Planner, PlannerWrapper, plans_of
 from pipeline.scenario import Scenario
 from pipeline.scenario.spacecraft import Spacecraft
@@ -201,7 +201,7 @@ def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
     """Correct a linear plan until its nonlinear flight meets the goals; UNSOLVED if it cannot."""
-    scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
+    asked, scenario = scenario, replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     timed = replace(scenario, waypoints=passed)
     try:
         controls, states = _differentially_corrected(timed, linear.controls)
@@ -209,7 +209,8 @@ def _corrected(
         plan = certified_plan(linear.planner, scenario, made, requirements, as_flown=True)
     except ProlearnError as error:
         why = f"as flown: {error}".removesuffix(".")
-        return replace(linear, scenario=scenario, status=UNSOLVED, message=why)
+        chosen = linear.assignment and replace(linear.assignment, saving=None)
+        return replace(linear, scenario=scenario, status=UNSOLVED, message=why, assignment=chosen)
     found, before = plan.certificate, linear.certificate
     if found.risk and before.risk:
         made_for = {name: getattr(before.risk, name) for name in ("sigmas", "fuel_without")}
@@ -217,11 +218,17 @@ def _corrected(
     if found.smallest_burn and before.smallest_burn:
         burn = replace(found.smallest_burn, fuel_without=before.smallest_burn.fuel_without)
         found = replace(found, smallest_burn=burn)
-    plan = replace(plan, certificate=found, assignment=linear.assignment)
-    if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
+    plan = replace(plan, certificate=found)
+    if linear.status in (INFEASIBLE, UNSOLVED) and plan.status != SOLVED:
+        why = f"about this orbit the plan is {linear.status}: {linear.message}"
+        plan = replace(plan, status=UNSOLVED, message=why)
+    if linear.assignment is None:
         return plan
-    why = f"about this orbit the plan is {linear.status}: {linear.message}"
-    return replace(plan, status=UNSOLVED, message=why)
+    # The bound for the given order changes by as much as that for the one that is flown
+    given, flown = Batch([asked]), Batch([scenario])
+    change = found.fuel_lower_bound - flown.bound(0)[0]
+    bound = np.inf if given.optima.impossible.any() else given.bound(0)[0] + change
+    return replace(plan, assignment=with_saving(linear.assignment, bound, plan))
 
 
 def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:

@@ -333,16 +333,20 @@ class _Candidates:
         return len(self.ranking) < self.most and proven
 
     def _assignment(self, slots: Slots, plan: Plan) -> Assignment:
-        given, fuel = self.costs.of(self.given), plan.certificate.fuel
-        known = np.isfinite(given) and given > self.scenario.problem.negligible_fuel
         ranks = [self.first] if slots == self.first else self.ranking
-        return Assignment(
-            slots=slots,
-            rank=ranks.index(slots) + 1 if slots in ranks else None,
-            tried=len(self.tried),
-            given_fuel_lower_bound=given if np.isfinite(given) else None,
-            saving=1 - fuel / given if known and plan.status == SOLVED else None,
-        )
+        rank = ranks.index(slots) + 1 if slots in ranks else None
+        chosen = Assignment(slots, rank, len(self.tried), None, None)
+        return with_saving(chosen, self.costs.of(self.given), plan)
+
+
+def with_saving(chosen: Assignment, given: float, plan: Plan) -> Assignment:
+    """An assignment with the bound for the given order, infinite without a plan, and its saving."""
+    known = np.isfinite(given) and given > plan.scenario.problem.negligible_fuel
+    return replace(
+        chosen,
+        given_fuel_lower_bound=given if np.isfinite(given) else None,
+        saving=1 - plan.certificate.fuel / given if known and plan.status == SOLVED else None,
+    )
 
 
 def _fuel(plan: Plan) -> float:
