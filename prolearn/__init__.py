@@ -41,7 +41,7 @@ from pipeline.scenario import diagnostics as check
 from pipeline.scenario.document import read_scenario, write_scenario
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
-from pipeline.tradeoff.curve import Point
+from pipeline.tradeoff import Point
 from prolearn.learned import load_model, models, read_dataset
 from prolearn.planning import MonteCarlo, fly, monte_carlo, plan, plan_all, tradeoff
 from prolearn.swarms import Ring, scenario, scenario_from_files

@@ -10,7 +10,7 @@ from pipeline.expert.settings import Effort
 from pipeline.flight.effects import Effect, effects
 from pipeline.flight.errors import COLD_GAS, Errors
 from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, TrialSettings, flight_loops, fly_loops
-from pipeline.flight.summary import Summary, summarize
+from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.trials import SIZE, Trials
 from pipeline.flight.world import Conditions, conditions_of, in_world, world_of
 from pipeline.plan.plan import Plan
@@ -20,8 +20,8 @@ from pipeline.planners.planner import Planner, plans_of
 from pipeline.scenario import Scenario, scenario_list
 from pipeline.scenario import check as refuse_formations
 from pipeline.scenario.scenario import FURTHEST
-from pipeline.tradeoff.curve import Goal, Point, arcs_between
-from pipeline.tradeoff.curve import tradeoff as planned_for
+from pipeline.tradeoff import Goal, Point, arcs_between
+from pipeline.tradeoff import tradeoff as planned_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -146,8 +146,6 @@ class MonteCarlo:
 
     def figure(self) -> "Figure":
         """For separation, error at the goal and Δv, the share of trials at or below a value."""
-        from pipeline.flight.figure import trials_figure  # slow to import, as all that draws
-
         asked, flown = self.plan.scenario, self.summaries[0].trials
         title = f"{asked.headline}, {flown} trials"
         return trials_figure(self.trials, asked.problem.collision_radius, self.size, title)

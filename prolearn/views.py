@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from io import BytesIO
 from pathlib import Path
 from reprlib import repr as brief
 from typing import TYPE_CHECKING, Literal
@@ -13,11 +14,13 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_kind, list_if_iterable, missing_extra_hint
 from pipeline.figures.labels import label_name
+from pipeline.figures.style import in_style, make_visible, save
+from pipeline.figures.transfer import Example, transfer_figure
 from pipeline.files import path_of, write_text
 from pipeline.orbit.transfer import track
 from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario
-from pipeline.tradeoff.curve import Point, knee_of
+from pipeline.tradeoff import Point, knee_of, tradeoff_figure
 from prolearn.planning import MonteCarlo
 
 if TYPE_CHECKING:
@@ -57,18 +60,18 @@ class Plot:
 
     def write(self, path: str | Path) -> Path:
         """Write it into a file, which appears whole, as its ending says: .png or .svg."""
-        from pipeline.figures.style import save  # slow to import, and only figures need it
-
         target = path_of(path)
         if target.suffix not in (".png", ".svg"):
             raise InputError(f"the figure is to be {target}; expected a name in .png or .svg.")
         save(self.figure, target.with_suffix(""), [target.suffix])
         return target
 
+    @in_style
     def _repr_png_(self) -> bytes:
-        from pipeline.figures.style import png
-
-        return png(self.figure, DPI)
+        content = BytesIO()
+        make_visible(self.figure)
+        self.figure.savefig(content, format="png", dpi=DPI)
+        return content.getvalue()
 
 
 def show(plan: Plan, name: str = "plan") -> Page:
@@ -86,10 +89,6 @@ def plot(what: Plan | Sequence[Plan] | Sequence[Point] | MonteCarlo) -> Plot:
     Raises:
         InputError: for nothing at all, what is none of these, or plans of several scenarios.
     """
-    # Slow to import, and only figures need them
-    from pipeline.figures.transfer import Example, transfer_figure
-    from pipeline.tradeoff.figure import tradeoff_figure
-
     if isinstance(what, MonteCarlo):
         return Plot(what.figure())
     each = list_if_iterable(what)

@@ -11,10 +11,9 @@ from pipeline.errors import InputError, check_range
 from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
 from pipeline.flight.errors import Errors
-from pipeline.flight.figure import trials_figure
 from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, TrialSettings, flight_loops
 from pipeline.flight.montecarlo import fly_all
-from pipeline.flight.summary import Summary, summarize
+from pipeline.flight.summary import Summary, summarize, trials_figure
 from pipeline.flight.world import Conditions, LinearWorld, World, world_of
 from pipeline.parallel.workers import Workers
 from pipeline.plan.plan import Plan

@@ -12,8 +12,7 @@ from pipeline.plan.plan import summary
 from pipeline.planners.planner import Planner
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario.document import read_checked
-from pipeline.tradeoff.curve import Point, arcs_between, knee_of, tradeoff
-from pipeline.tradeoff.figure import tradeoff_figure
+from pipeline.tradeoff import Point, arcs_between, knee_of, tradeoff, tradeoff_figure
 
 TABLE = "tradeoff.csv"
 PLANS = "plans"  # folder of the plans within that of the trade-off

@@ -3,22 +3,20 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BytesIO
 from itertools import cycle
 from pathlib import Path
 from threading import RLock
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.style import context
-from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from pipeline.figures.labels import in_order
 from pipeline.files import published
 from pipeline.text import visible
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PAGE_WIDTH = 7.2  # width of a figure across a page, inches
 
@@ -105,6 +103,8 @@ _DRAWING = RLock()
 
 @contextmanager
 def _styled() -> Iterator[None]:
+    from matplotlib.style import context  # slow to import, and only figures need it
+
     with _DRAWING, context(["default", RC]):  # matplotlib's settings are shared by all threads
         yield
 
@@ -113,23 +113,16 @@ in_style = _styled()
 """Decorator of functions that draw; the caller's matplotlib settings stay as they are."""
 
 
-def make_visible(figure: Figure) -> None:
+def make_visible(figure: "Figure") -> None:
     """Replace what cannot be drawn or seen in a figure's texts, as names from files, by escapes."""
+    from matplotlib.text import Text
+
     for text in figure.findobj(Text):
         text.set_text(visible(text.get_text()))
 
 
 @in_style
-def png(figure: Figure, dpi: int) -> bytes:
-    """A figure as a PNG file's content, laid out as it is."""
-    content = BytesIO()
-    make_visible(figure)
-    figure.savefig(content, format="png", dpi=dpi)
-    return content.getvalue()
-
-
-@in_style
-def save(figure: Figure, path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
+def save(figure: "Figure", path: Path, suffixes: Sequence[str] = (".svg", ".png")) -> None:
     """Write a figure as ``path`` with each suffix, laid out once; same figure, same bytes."""
     make_visible(figure)
     # Laid out here, since ``savefig`` would draw it once more for that.
@@ -153,12 +146,14 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def fit_scale(
-    ax: Axes, side: Literal["x", "y"], values: Iterable[float], log: bool = False
+    ax: "Axes", side: Literal["x", "y"], values: Iterable[float], log: bool = False
 ) -> None:
     """Scale one axis for all values shown on it, none negative: linear, log, or symlog for zeros.
 
     Axes that share it follow. With ``log`` positive values over half a decade are logarithmic, too.
     """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     array = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     positive = array[array > 0]
     zeros = bool((array == 0).any())

@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.figures import style
 from pipeline.figures.labels import label_name
 from pipeline.orbit.partition import pairs
 from pipeline.orbit.rings import revolution
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = 3
 ORBIT_POINTS = 121
@@ -36,12 +37,16 @@ class Example:
 
 
 @style.in_style
-def transfer_figure(example: Example) -> Figure:
+def transfer_figure(example: Example) -> "Figure":
     """The tracks of an example, a panel for each planner, all at one equal scale.
 
     Initial states are blue and goal states green, with the passive relative orbits through them;
     stretches where a pair is within the collision radius are vermillion.
     """
+    # Slow to import, and only figures need them
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
     tracks, colours = example.tracks, {"initial": style.INITIAL_COLOUR, "goal": style.GOAL_COLOUR}
     ends = zip((example.initial, example.goal), colours.values(), strict=True)
     drawn = [(states, colour, _orbits(states)) for states, colour in ends]

@@ -18,8 +18,7 @@ from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.scenario import draw
 from pipeline.scenario.validation import drifts
 from pipeline.scenario.waypoint import Waypoint
-from pipeline.tradeoff.curve import arcs_between, tradeoff, with_arcs
-from pipeline.tradeoff.figure import tradeoff_figure
+from pipeline.tradeoff import arcs_between, tradeoff, tradeoff_figure, with_arcs
 
 SCENARIO = draw("rings", 5, 6, 0, Problem(), "valid")
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from pipeline.tradeoff import curve
+from pipeline import tradeoff
 
 
 def knee(time, cost):
-    return curve.knee(np.array(time, dtype=float), np.array(cost, dtype=float))
+    return tradeoff.knee(np.array(time, dtype=float), np.array(cost, dtype=float))
 
 
 def test_the_corner_of_two_straight_lines_is_the_knee():

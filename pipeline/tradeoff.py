@@ -1,4 +1,4 @@
-"""Fuel against transfer time: plans of several durations, and the curve's knee.
+"""Fuel against transfer time: plans of several durations, the curve's knee, and its figure.
 
 The number of thrust arcs varies and their length, the scenario's time step, does not: longer arcs
 waste fuel, for the same ten minutes ten of 60 s need some 10 % less than five of 120 s.
@@ -6,19 +6,23 @@ waste fuel, for the same ten minutes ten of 60 s need some 10 % less than five o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor, isfinite
-from typing import Literal, get_args
+from math import ceil, floor, isfinite, nan
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.errors import InputError, check_choice, check_whole, is_number
+from pipeline.figures import style
 from pipeline.orbit.problem import MOST_NODES
 from pipeline.plan.plan import INFEASIBLE, SOLVED, Plan
 from pipeline.planners.planner import Planner, plans_of
 from pipeline.progress import SILENT, Progress
 from pipeline.scenario import Scenario
 from pipeline.scenario.validation import DRIFTING, drifts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # fixed: the goal states for every duration; moving: states on the passive orbits that reach these
 # after the scenario's own duration
@@ -28,6 +32,7 @@ FEWEST = 2  # arcs of the shortest transfer that reaches a goal state in all six
 ROUNDING = 1e-9  # share of an arc by which a duration may miss a whole number of them
 BENT = 0.1  # least distance of a knee below the chord of the normalised curve
 LESS = 0.5  # largest ratio of the fuel saved per time after a knee to that before it
+FOOT = 0.03  # height, as a share of the axes, at which durations without a safe plan are marked
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,3 +173,42 @@ def knee_of(points: Sequence[Point]) -> int | None:
     time, cost = ([getattr(points[k], name) for k in safe] for name in ("duration", "delta_v"))
     found = knee(np.array(time, dtype=float), np.array(cost, dtype=float))
     return None if found is None else safe[found]
+
+
+@style.in_style
+def tradeoff_figure(points: Sequence[Point], bend: int | None, title: str) -> "Figure":
+    """Plans by duration, marked at the foot where none is safe, their lower bound, and the knee."""
+    from matplotlib.figure import Figure  # slow to import, and only figures need it
+
+    figure = Figure(figsize=(style.PAGE_WIDTH, 4.0), layout="constrained")
+    ax = figure.subplots()
+    minutes = [point.duration / 60 for point in points]
+    costs = [point.delta_v if point.safe else nan for point in points]
+    bounds = [nan if p.delta_v_lower_bound is None else p.delta_v_lower_bound for p in points]
+    ax.plot(minutes, costs, color="black", marker="o", label="certified plan")
+    ax.plot(minutes, bounds, color=style.GREY, linestyle="--", linewidth=0.9)
+    if bend is not None:
+        x, y, blue = minutes[bend], costs[bend], style.INITIAL_COLOUR
+        ax.plot(x, y, "o", color=blue, markersize=9, label="knee")
+        said, beside = f"knee: {x:g} min, {y:.3g} m/s", (10, 10)
+        ax.annotate(said, (x, y), color=blue, xytext=beside, textcoords="offset points")
+    foot: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "color": style.CONFLICT_COLOUR}
+    infeasible = [p.duration / 60 for p in points if p.plan.status == INFEASIBLE]
+    failed = [p.duration / 60 for p in points if not p.safe and p.plan.status != INFEASIBLE]
+    marked = ("proven infeasible", "X", infeasible), ("no safe plan", "x", failed)
+    for label, marker, times in marked:
+        if times:
+            ax.plot(times, [FOOT] * len(times), marker, label=label, markersize=7, **foot)
+    style.fit_scale(ax, "y", [*costs, *bounds])
+    if ax.get_yscale() == "linear":
+        ax.set_ylim(0, ax.get_ylim()[1])
+    low, high = ax.get_ylim()
+    label = "below the lower bound"
+    ax.fill_between(minutes, bounds, low, color="#e8e8e8", linewidth=0, label=label)
+    ax.set_ylim(low, high)
+    ax.set_xlabel("transfer time (min)")
+    total = points[0].plan.scenario.problem.thrust.total
+    ax.set_ylabel(f"Δv, {total} · Δt (m/s)")
+    ax.set_title(title)
+    ax.legend()
+    return figure

@@ -1,1 +1,0 @@
-"""Fuel against transfer time."""
