@@ -70,7 +70,7 @@ def sample(
         asked = asked.about(document.orbit())
     drawing = workers_of(context, workers)
     with progress("sampling") as shown:
-        run(out, {n: one}, asked, workers=drawing.telling(shown))
+        run(out, {n: one}, asked, workers=drawing.with_progress(shown))
     where = public_url(out)
     many = f"{count} scenarios of n={n} are" if count != 1 else f"1 scenario of n={n} is"
     them = "them" if count != 1 else "it"
@@ -136,7 +136,7 @@ def make(
     _refuse_memory(folder)
     solving = workers_of(context, workers)
     with progress("sampling") as shown:
-        run(folder, PRESETS[preset], Problem(), workers=solving.telling(shown))
+        run(folder, PRESETS[preset], Problem(), workers=solving.with_progress(shown))
     _solve(folder, solving)
 
 
@@ -168,7 +168,7 @@ def card(
 
     reading = workers_of(context, workers)
     with progress("reading") as shown:
-        write_card(folder, licence=licence, replace=replace, workers=reading.telling(shown))
+        write_card(folder, licence=licence, replace=replace, workers=reading.with_progress(shown))
         rows = shown.count
     where = public_url(folder)
     echo(f"{CARD} is in {where}; it describes {rows} scenarios.")
@@ -212,9 +212,9 @@ def verify(
     checking = workers_of(context, workers)
     with stdout_for_document(as_json), progress("mending" if mend else "verifying") as shown:
         if mend:
-            faults = repair(folder, yes=yes, workers=checking.telling(shown))
+            faults = repair(folder, yes=yes, workers=checking.with_progress(shown))
         else:
-            faults = list(check(folder, workers=checking.telling(shown)))
+            faults = list(check(folder, workers=checking.with_progress(shown)))
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"
@@ -261,6 +261,6 @@ def _solve(
 
     how, required = Settings(solver=solver), Requirements(separation)
     with progress("solving") as shown:
-        run(folder, how, required, workers=workers.telling(shown))
+        run(folder, how, required, workers=workers.with_progress(shown))
     done = f"{shown.count} now, {shown.failed} without a plan"
     echo(f"{public_url(folder)} is solved ({done}).")

@@ -111,7 +111,7 @@ def _run(
 
     workers = None if context is None else workers_of(context, how)
     with stdout_for_document(how.as_json), progress(doing) as shown:
-        by = {"workers": workers.telling(shown)} if workers else {"progress": shown}
+        by = {"workers": workers.with_progress(shown)} if workers else {"progress": shown}
         outcome = job(settings, resume=how.resume, **by)
         rows = averages(outcome.run_id) if how.as_json else []
     when = " before" if outcome.earlier else ""

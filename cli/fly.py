@@ -120,7 +120,7 @@ def _fly_trials(
     errors = errors_of(settings.errors, settings.error or [])
     folder = settings.out or Path(f"{stem_of(path).removesuffix('.plan')}-flown")
     with progress("flying") as shown, within_memory():
-        by = workers.telling(shown)
+        by = workers.with_progress(shown)
         loops = fly_trials(plan, conditions, errors, folder, settings, workers=by)
     required = plan.requirements if settings.replan == "every-node" else None
     if as_json:

@@ -102,7 +102,7 @@ def _trained_at_once(
             for one, before in zip(asked, earlier, strict=True)
             if before is None
         ]
-        made = iter(train_models(left, workers.telling(shown)))
+        made = iter(train_models(left, workers.with_progress(shown)))
     return [_told(*(one or next(made)), earlier=one is not None) for one in earlier]
 
 
@@ -146,7 +146,7 @@ def tune(
 
     by = workers_of(context, workers)
     with stdout_for_document(as_json), progress(f"tuning {settings.arch}") as shown:
-        found = job(settings, workers=by.telling(shown))
+        found = job(settings, workers=by.with_progress(shown))
     given = {"epochs": settings.epochs, "seed": settings.seed, **found.best}
     values = {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in given.items()}
     known = {k.replace("_", "-"): value for k, value in values.items() if value is not None}

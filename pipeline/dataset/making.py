@@ -145,7 +145,7 @@ def complete(ledger: Ledger[Manifest], workers: Workers, spared: Collection[str]
     if missing:
         drawn = f"Scenario shards that are missing or damaged are drawn again: {len(missing)}."
         workers.progress.say(drawn)
-        write_shards(ledger, draw_shard, missing, workers.telling(SILENT))
+        write_shards(ledger, draw_shard, missing, workers.with_progress(SILENT))
     if manifest.solve:
         unsolved = [s for s in shards if not _is_solved(ledger, s)]
         unsolved.reverse()  # the largest swarms, which take longest, first

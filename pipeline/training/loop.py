@@ -78,7 +78,7 @@ class TrainingObjective:
 
 
 class _Adam(torch.optim.Adam):
-    """Adam without torch's compiler, which the methods below import, for a second, to avoid it."""
+    """Adam that does not import torch's compiler, for a second: nothing is compiled here."""
 
     add_param_group = unwrap(torch.optim.Optimizer.add_param_group)
     zero_grad = unwrap(torch.optim.Optimizer.zero_grad)

@@ -43,7 +43,9 @@ def test_a_cluster_that_loses_a_worker_gives_the_rows_of_this_machine(
     there, data = Workers(scheduler=cluster.address), str(solved)
     progress = AfterOne(lambda: kill(cluster.workers[0]))
     asked = Evaluation(data=data, trials=3, timed=1)
-    same(evaluate(asked, workers=there.telling(progress)), evaluate(asked, workers=Workers(1)))
+    same(
+        evaluate(asked, workers=there.with_progress(progress)), evaluate(asked, workers=Workers(1))
+    )
     assert progress.parts > 2
 
     times = TransferTimes(data=data, n=3, nodes="6", trials=2)

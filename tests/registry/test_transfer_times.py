@@ -58,7 +58,7 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
 ) -> None:
     told = Notes()
     asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6,11", time_steps="60,120", trials=2)
-    done = transfer_times(asked, workers=ALONE.telling(told))
+    done = transfer_times(asked, workers=ALONE.with_progress(told))
     found = latest(TRANSFER_TIMES)
     assert done == Recorded(found.run_id)
     again = transfer_times(asked, resume=True)

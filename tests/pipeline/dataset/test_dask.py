@@ -207,7 +207,7 @@ def test_scenarios_are_drawn_rows_verified_and_a_card_written_by_a_cluster(
     monkeypatch.setattr(card, "VALUES_PER_TASK", 8 * 5 * 66 * 5)  # a few shards of eight scenarios
     progress = After(lambda: None)
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1000}):
-        assert write_card(drawn, workers=workers.telling(progress)) == alone
+        assert write_card(drawn, workers=workers.with_progress(progress)) == alone
     assert progress.shards == 3, "pieces"
     (drawn / "n=5/part-00007.parquet").write_bytes(b"")
     with pytest.raises(InputError, match=r"n=5/part-00007.* in .*drawn .*digest.*--repair"):
@@ -233,7 +233,7 @@ def test_workers_that_share_a_folder_mend_it_and_the_client_carries_no_shard(
     cluster.start_workers(1)
     workers, progress = Workers(scheduler=cluster.address, shared=True), After(None)
     assert {fault.path for fault in verify("there", workers=workers)} == {*damaged}
-    solve("there", Settings(), workers=workers.telling(progress))
+    solve("there", Settings(), workers=workers.with_progress(progress))
     assert content(there) == content(here)
     assert [(there / f"_damaged/{name}.1").read_bytes() for name in damaged] == [b"damaged"] * 2
     aside = [f"{name} in {there} is set aside as _damaged/{name}.1." for name in damaged]

@@ -254,7 +254,7 @@ def test_a_full_disk_gives_a_sentence_and_leaves_what_was_there(tmp_path, monkey
     sample(folder, {8: Sample(count=40, shard_rows=10)}, Problem(), workers=ONE)
     with room_until_told() as fill:
         with pytest.raises(ProlearnError, match=r"File too large.*is intact: make room"):
-            solve(folder, Settings(), workers=ONE.telling(Filling(fill)))
+            solve(folder, Settings(), workers=ONE.with_progress(Filling(fill)))
         done = {p.name: p.read_bytes() for p in folder.glob("n=8/*")}
         assert len(done) == 2
         assert not list(folder.rglob("*.tmp"))
@@ -413,7 +413,7 @@ def test_two_runs_at_once_without_a_lock_both_end_with_the_same_bytes(in_memory,
 
     def run(watch):
         with turn:
-            return solve(in_memory, Settings(), workers=ONE.telling(watch))
+            return solve(in_memory, Settings(), workers=ONE.with_progress(watch))
 
     with ThreadPoolExecutor(2) as pool:
         manifests = list(pool.map(run, watches))

@@ -137,7 +137,7 @@ def test_sound_rows_that_are_not_expected_go_only_when_asked_for_and_are_kept(so
     forge(solved, lambda manifest: manifest["problem"].update(time_step=122.0))
     assert [fault.sound for fault in repair(solved, workers=ONE)].count(True) == 10
     heard = Heard()
-    repair(solved, yes=True, workers=ONE.telling(heard))
+    repair(solved, yes=True, workers=ONE.with_progress(heard))
     assert faults(solved) == []
     assert read_manifest(solved).problem.time_step == 122.0
     aside = {name: content for name, content in rows(solved).items() if "_damaged/" in name}
@@ -148,10 +148,10 @@ def test_sound_rows_that_are_not_expected_go_only_when_asked_for_and_are_kept(so
 
 def test_a_damaged_shard_is_kept_beside_the_one_that_took_its_place(solved):
     def again(folder, progress):
-        solve(folder, Settings(), workers=ONE.telling(progress))
+        solve(folder, Settings(), workers=ONE.with_progress(progress))
 
     def mend(folder, progress):
-        repair(folder, workers=ONE.telling(progress))
+        repair(folder, workers=ONE.with_progress(progress))
 
     for k, run in enumerate((mend, again), start=1):
         damaged = (solved / SHARD).read_bytes()[: -100 * k]
