@@ -129,8 +129,10 @@ class Batch:
         given = "with any thrust, however large"
         if self.problem.max_acceleration is not None:
             given = "within max_acceleration"
-        if self.limits is not None and self.limits.limiting:
-            given = "within its limits of thrust and delta_v, in the intervals in which it may burn"
+        if self.limits is not None and self.limits.bounded:
+            given = "within its limits of thrust and delta_v"
+        if self.limits is not None and not self.limits.burns.all():
+            given += ", in the intervals in which it may burn"
         reasons = []
         each = zip(self.scenarios, self.swarms.starts, impossible, close, strict=True)
         for scenario, start, craft, collisions in each:

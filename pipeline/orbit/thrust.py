@@ -129,10 +129,9 @@ class Limits(Rows):
     least: Float[Array, "n intervals 3"] | None = None
 
     @property
-    def limiting(self) -> bool:
-        """Whether any craft has a limit, or an interval without burns."""
-        finite = np.isfinite([self.component, self.norm, self.delta_v])
-        return bool(finite.any() or not self.burns.all())
+    def bounded(self) -> bool:
+        """Whether any craft has a limit of thrust or of Δv."""
+        return bool(np.isfinite([self.component, self.norm, self.delta_v]).any())
 
 
 def blocked_intervals(

@@ -65,6 +65,19 @@ def test_craft_and_obstacles_that_come_too_close_are_named_with_how_much_and_whe
         assert wrong == {"separation": f"craft 0 comes 1 m too close to {who} at 15 s"}
 
 
+def test_of_nodes_that_count_alone_it_is_said_how_often_a_pair_is_too_close_there():
+    """At two nodes it is 50 m away, and between them nearest."""
+    controls = np.zeros((2, 3, 3))
+    states, asked = fly(INITIAL, controls, PROBLEM), Requirements("nodes")
+    scenario = Scenario(replace(PROBLEM, collision_radius=51.0), INITIAL, states[:, -1])
+    (certificate,) = certify([scenario], states, controls, [(0.0, "")], asked)
+    plan = Plan(scenario, "", "", states, controls, certificate, separation="nodes")
+    assert violations(plan)["separation"] == (
+        "pairs too close at nodes: 2; at any time, craft 0 and 1 come within 3 m of each other at "
+        "15 s; collision_radius is 51 m"
+    )
+
+
 def test_craft_are_lost_beyond_a_billion_kilometres_at_a_node_or_by_their_controls_between():
     states, controls = np.zeros((3, 4, 6)), np.zeros((3, 3, 3))
     states[1, 2, 0] = 1.1e12
