@@ -126,13 +126,6 @@ class Batch:
         """
         close = _end_collisions(self.initial, self.goal, self.problem, self.swarms)
         impossible = self.swarms.split(self.optima.impossible)
-        given = "with any thrust, however large"
-        if self.problem.max_acceleration is not None:
-            given = "within max_acceleration"
-        if self.limits is not None and self.limits.bounded:
-            given = "within its limits of thrust and delta_v"
-        if self.limits is not None and not self.limits.burns.all():
-            given += ", in the intervals in which it may burn"
         reasons = []
         each = zip(self.scenarios, self.swarms.starts, impossible, close, strict=True)
         for scenario, start, craft, collisions in each:
@@ -140,7 +133,8 @@ class Batch:
             if craft.any():
                 k = int(craft.argmax())
                 way = " by its waypoints" if scenario.waypoints else ""
-                reason = f"craft {k} cannot reach its goal{way} {given}, which is proven"
+                given = f"{way} {allowed_thrust(scenario)}"
+                reason = f"craft {k} cannot reach its goal{given}, which is proven"
                 reason += self._drift_miss(int(start) + k)
             reasons.append(reason)
         return reasons
@@ -155,6 +149,18 @@ class Batch:
         ends = self.initial[one], self.goal[one], self.problem
         held = decoupled_optima(*ends, free, at[one]).impossible[0]
         return f"; {at.missed_by_drift(k)[1]}" if held else ""
+
+
+def allowed_thrust(scenario: Scenario) -> str:
+    """The limits of thrust within which craft are to reach their goals, in words."""
+    limits, given = scenario.limits, "with any thrust, however large"
+    if scenario.problem.max_acceleration is not None:
+        given = "within max_acceleration"
+    if limits is not None and limits.bounded:
+        given = "within its limits of thrust and delta_v"
+    if limits is not None and not limits.burns.all():
+        given += ", in the intervals in which it may burn"
+    return given
 
 
 def impossible_states(scenario: Scenario) -> str:

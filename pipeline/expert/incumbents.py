@@ -38,7 +38,7 @@ class Incumbents:
         self._slack: dict[int, tuple[float, int, int]] = {}
 
     def begin_round(self, active: CraftMask) -> None:
-        """Count a round for scenarios with active craft, and drop the slack of their last ones."""
+        """Count a round for scenarios with active craft, and delete their slack of the last one."""
         going = np.bincount(self._swarm[active], minlength=len(self._rounds)) > 0
         self._rounds += going
         self._slack = {k: slack for k, slack in self._slack.items() if not going[k]}

@@ -164,7 +164,7 @@ class Search:
         return near
 
     def _first_shift(self, start: int) -> Vectors | float:
-        """Random shifts of the relative positions of the first cuts: craft pass on other sides.
+        """Random shifts of the relative positions about which the first cuts are linearized.
 
         Each cut has its own; after a loss of thrust, where a pair has many cuts, all of a pair have
         the same in every other start. Some scenarios are solved with the one kind of shifts alone,
@@ -346,7 +346,7 @@ class Search:
             self._note_stalling(craft, cuts, best.slack)
 
     def _note_stalling(self, craft: Cluster, cuts: Int[Array, "_"], slack: Values) -> None:
-        """Count consecutive rounds in which the largest slack of each cluster stays the same."""
+        """Count, for each cluster, consecutive rounds with the same largest slack."""
         largest = np.zeros(len(self.swarm))
         np.maximum.at(largest, self.labels[self.cuts.first[cuts]], slack)
         now, before = largest[self.labels[craft]], self.slack[craft]

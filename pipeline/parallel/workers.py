@@ -41,7 +41,7 @@ class Workers:
     scheduler: str | None = None  # address of a Dask scheduler, such as tcp://10.0.0.1:8786
     scheduler_wait: float = SCHEDULER_WAIT  # s in which a lost scheduler may come back
     shared: bool = False  # whether they reach folders of shards, to read and write there themselves
-    progress: Progress = SILENT  # that hears how far the work is
+    progress: Progress = SILENT  # report of how much of the work is done
 
     def __post_init__(self) -> None:
         if self.jobs == 0 or not -MOST_JOBS <= self.jobs <= MOST_JOBS:
@@ -52,7 +52,7 @@ class Workers:
         check_range("the wait for a lost scheduler", self.scheduler_wait, 0, MOST_WAIT)
 
     def with_progress(self, progress: Progress) -> "Workers":
-        """The same workers, whose work is reported to another progress."""
+        """The same workers with another progress report."""
         return replace(self, progress=progress)
 
     def work(

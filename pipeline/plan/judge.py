@@ -157,7 +157,7 @@ def violations(plan: Plan) -> dict[str, str]:
     elif limit is not None and not used <= problem.most_control:
         wrong["thrust"] = f"uses {used:.6g} m/s² where max_acceleration is {limit:g} m/s²"
     if not is_safe(found, problem, plan.requirements):
-        wrong["separation"] = _too_close(found, plan)
+        wrong["separation"] = _too_close(plan)
     inside = found.corridor
     if inside and not inside.min_margin_bound > 0:
         k = inside.corridor
@@ -176,7 +176,8 @@ def violations(plan: Plan) -> dict[str, str]:
     return wrong
 
 
-def _too_close(found: Certificate, plan: Plan) -> str:
+def _too_close(plan: Plan) -> str:
+    found, radius = plan.certificate, plan.scenario.problem.collision_radius
     counted = ""  # what comes closest may do so between nodes, where it does not count
     if plan.requirements.at_nodes:
         counted = f"pairs too close at nodes: {found.node_collisions}; at any time, "
@@ -185,8 +186,7 @@ def _too_close(found: Certificate, plan: Plan) -> str:
     pair = " and ".join(map(str, found.min_separation_pair or ()))
     return (
         f"{counted}craft {pair} come within {found.min_separation:.6g} m of each other at "
-        f"{found.min_separation_time:.6g} s; "
-        f"collision_radius is {plan.scenario.problem.collision_radius:g} m"
+        f"{found.min_separation_time:.6g} s; collision_radius is {radius:g} m"
     )
 
 

@@ -97,6 +97,7 @@ class AsFlown(PlannerWrapper):
             if linear.status == SOLVED:
                 plan = _corrected(scenario, linear, self.requirements, passed)
                 best = min(best, plan, key=_rank)
+        best = _with_saving_in_flight(best, scenario)
         spent = perf_counter() - started - best.timing["certificate"]
         timing = {**best.timing, "plan": planning + spent}
         return replace(best, convex_solves=solves, timing=timing)
@@ -201,7 +202,7 @@ def _corrected(
     scenario: Scenario, linear: Plan, requirements: Requirements, passed: Waypoints
 ) -> Plan:
     """Correct a linear plan until its nonlinear flight meets the goals; UNSOLVED if it cannot."""
-    asked, scenario = scenario, replace(scenario, goal=linear.scenario.goal)  # as they are assigned
+    scenario = replace(scenario, goal=linear.scenario.goal)  # as they are assigned
     timed = replace(scenario, waypoints=passed)
     try:
         controls, states = _differentially_corrected(timed, linear.controls)
@@ -218,17 +219,22 @@ def _corrected(
     if found.smallest_burn and before.smallest_burn:
         burn = replace(found.smallest_burn, fuel_without=before.smallest_burn.fuel_without)
         found = replace(found, smallest_burn=burn)
-    plan = replace(plan, certificate=found)
-    if linear.status in (INFEASIBLE, UNSOLVED) and plan.status != SOLVED:
-        why = f"about this orbit the plan is {linear.status}: {linear.message}"
-        plan = replace(plan, status=UNSOLVED, message=why)
-    if linear.assignment is None:
+    plan = replace(plan, certificate=found, assignment=linear.assignment)
+    if linear.status not in (INFEASIBLE, UNSOLVED) or plan.status == SOLVED:
+        return plan
+    why = f"about this orbit the plan is {linear.status}: {linear.message}"
+    return replace(plan, status=UNSOLVED, message=why)
+
+
+def _with_saving_in_flight(plan: Plan, asked: Scenario) -> Plan:
+    """A plan whose bound for the given order of goals, and saving, are those of its flight."""
+    if plan.assignment is None or not plan.as_flown:
         return plan
     # The bound for the given order changes by as much as that for the one that is flown
-    given, flown = Batch([asked]), Batch([scenario])
-    change = found.fuel_lower_bound - flown.bound(0)[0]
+    given, flown = Batch([asked]), Batch([plan.scenario])
+    change = plan.certificate.fuel_lower_bound - flown.bound(0)[0]
     bound = np.inf if given.optima.impossible.any() else given.bound(0)[0] + change
-    return replace(plan, assignment=with_saving(linear.assignment, bound, plan))
+    return replace(plan, assignment=with_saving(plan.assignment, bound, plan))
 
 
 def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[Controls, States]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError
-from pipeline.expert.batch import Batch, impossible_for_any_goals
+from pipeline.expert.batch import Batch, allowed_thrust, impossible_for_any_goals
 from pipeline.expert.decoupled import (
     PROGRAM,
     TABLE,
@@ -306,10 +306,9 @@ class _Candidates:
         solves = sum(plan.convex_solves for plan in tried.values())
         plan = replace(tried[slots], timing=timing, convex_solves=solves)
         if self.cheapest is None:
-            plain = self.scenario.limits is None
-            limits = "max_acceleration" if plain else "its limits of thrust and delta_v"
             way = " by its waypoints" if self.scenario.waypoints else ""
-            message = PROVEN.format(f"some craft cannot reach its own{way} within {limits}")
+            given = f"{way} {allowed_thrust(self.scenario)}"
+            message = PROVEN.format(f"some craft cannot reach its own{given}")
             return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
             forbidden = PROVEN.format(self.forbidden)

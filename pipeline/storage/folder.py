@@ -129,7 +129,7 @@ class Folder:
             self.files.move(name, to)
 
     def _listed(self, *, recursive: bool) -> list[Any]:
-        """Arrow's FileInfo of all inside, or of all below it; none where the folder is missing."""
+        """List a folder's entries, or all below it, as Arrow's FileInfo; empty if it is missing."""
         inside = fs.FileSelector("", allow_not_found=True, recursive=recursive)
         with self._reaching():
             try:

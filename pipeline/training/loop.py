@@ -78,7 +78,7 @@ class TrainingObjective:
 
 
 class _Adam(torch.optim.Adam):
-    """Adam that does not import torch's compiler, for a second: nothing is compiled here."""
+    """Adam optimizer without the import of torch's compiler, which takes a second."""
 
     add_param_group = unwrap(torch.optim.Optimizer.add_param_group)
     zero_grad = unwrap(torch.optim.Optimizer.zero_grad)
@@ -155,8 +155,9 @@ def train(
     model = Model(arch, architecture.config, recipe.name, encoding, network.cpu())
     seconds = time.perf_counter() - started
     buffer = train.buffer if isinstance(train, ExampleStream) and not train.endless else None
-    how = seconds, str(chosen), torch.get_num_threads(), buffer
-    return Trained(model, recipe, seed, history, best, *how)
+    return Trained(
+        model, recipe, seed, history, best, seconds, str(chosen), torch.get_num_threads(), buffer
+    )
 
 
 def _warm_up(objective: TrainingObjective, data: Batches) -> None:

@@ -7,7 +7,7 @@ import pytest
 from judge import judge_plan
 from judged import document
 
-from pipeline.expert import solve
+from pipeline.expert import solve, solve_many
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
@@ -117,6 +117,16 @@ def test_a_craft_that_may_not_burn_enough_is_said_to_miss_by_what_its_drift_does
     assert plan.status == INFEASIBLE
     limited = "within its limits of thrust and delta_v, in the intervals in which it may burn"
     assert plan.message == f"craft 1 cannot reach its goal {limited}, which is proven"
+
+
+def test_what_keeps_a_craft_from_its_goal_is_told_of_its_own_scenario_alone():
+    short, coasting = Spacecraft(delta_v=1e-6), Spacecraft(no_burn=((0.0, Problem().duration),))
+    drawn = draw("rings", 5, 3, 0, Problem())
+    both = [replace(drawn, craft=(one,) * 3) for one in (short, coasting)]
+    together = [plan.message for plan in solve_many(both)]
+    assert together == [solve(one).message for one in both]
+    assert ["burn" in message for message in together] == [False, True]
+    assert ["delta_v" in message for message in together] == [True, False]
 
 
 @pytest.mark.parametrize("beyond", [1e-7, 1e-6, 1e-4])

@@ -66,7 +66,7 @@ def test_craft_and_obstacles_that_come_too_close_are_named_with_how_much_and_whe
 
 
 def test_of_nodes_that_count_alone_it_is_said_how_often_a_pair_is_too_close_there():
-    """At two nodes it is 50 m away, and between them nearest."""
+    """Two craft are 50 m apart at two nodes, and 3 m apart between them."""
     controls = np.zeros((2, 3, 3))
     states, asked = fly(INITIAL, controls, PROBLEM), Requirements("nodes")
     scenario = Scenario(replace(PROBLEM, collision_radius=51.0), INITIAL, states[:, -1])

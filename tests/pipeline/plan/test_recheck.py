@@ -267,7 +267,7 @@ def test_a_bound_hardly_above_what_is_burned_is_false():
 
 
 def test_a_plan_that_burns_nothing_has_no_fault():
-    """Of craft that stay where they are, along-track of the reference."""
+    """Two craft at rest along-track: their goals are where they start."""
     there = np.array([[0.0, 100.0 * k, 0, 0, 0, 0] for k in range(2)])
     plan = solve(Scenario(Problem(), there, there))
     assert plan.certificate.fuel == 0

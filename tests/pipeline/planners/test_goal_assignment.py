@@ -125,6 +125,11 @@ def test_where_no_order_can_be_flown_that_is_said():
     (plan,) = GoalAssignment(Expert()).plan([scenario])
     assert plan.status == INFEASIBLE
     assert "cannot reach its own within its limits of thrust and delta_v" in plan.message
+    coasting = Spacecraft(no_burn=((0.0, scenario.problem.duration),))
+    (plan,) = GoalAssignment(Expert()).plan([replace(scenario, craft=(coasting,) * 4)])
+    assert plan.status == INFEASIBLE
+    unlimited = "with any thrust, however large, in the intervals in which it may burn"
+    assert f"cannot reach its own {unlimited}" in plan.message
 
 
 def test_goals_in_the_best_order_already_stay_where_they_are():
@@ -186,7 +191,7 @@ def test_nothing_is_proven_of_orders_that_were_not_tried():
 
 
 def test_an_order_that_was_merely_not_solved_is_not_refuted_with_another():
-    """Of two orders one is infeasible; for the other an expert without rounds finds no plan."""
+    """One of two orders is infeasible; for the other the expert, given no rounds, has no plan."""
     scenario = between_starts(2, 20, 70, 60.0)
     orders = [scenario.taking(one) for one in permutations(range(2))]
     assert {solve(one, requirements=ADRIFT).status for one in orders} == {INFEASIBLE, SOLVED}
@@ -202,9 +207,7 @@ def along_track(*y):
 
 # On an ellipse 200 m long, through the place at 1400 m once in each orbit, after the transfer, and
 # far from all others
-PASSING = pro_states(100.0, 0.0, np.array([-1.0]), 0.0, Problem().mean_motion, np.array([1500.0]))[
-    0
-]
+(PASSING,) = pro_states(100.0, 0.0, -np.ones(1), 0.0, Problem().mean_motion, np.array([1500.0]))
 
 
 @pytest.mark.parametrize(
