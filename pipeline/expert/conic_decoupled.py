@@ -11,7 +11,13 @@ from pipeline.orbit.arrays import Controls, Rows
 from pipeline.orbit.decoupled import SHORT
 from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
-from pipeline.orbit.thrust_cost import conjugate_bound, cost, dual_norm, support_bound, thrusts
+from pipeline.orbit.thrust_cost import (
+    allocated_thrusts,
+    conjugate_bound,
+    cost,
+    dual_norm,
+    support_bound,
+)
 from pipeline.orbit.transfer import transfer_maps
 from pipeline.scenario.state_constraints import NO_EFFECT, StateConstraints
 
@@ -129,7 +135,7 @@ def polished(
     kept = np.where(burns, controls, 0.0)
     if thrust.min_delta_v is not None and not isinstance(thrust.model, str):
         # Only thrusts that are nonzero change, so that no other thruster fires a little.
-        fired = thrusts(kept, limits, thrust)
+        fired = allocated_thrusts(kept, limits, problem)
         fired = np.where(fired > BURN * largest, fired, 0.0)
         kept = _completed(fired, fired > 0, at, thrust) @ thrust.directions
     kept = _completed(kept, burns, at)

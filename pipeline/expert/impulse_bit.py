@@ -110,7 +110,7 @@ def _search_in_rounds(
 def without_smaller_half(controls: Controls, limits: Limits, problem: Problem) -> Limits:
     """Limits without the smaller half, at least one, of each craft's burns that are too small."""
     small = too_small(controls, limits, problem)
-    size = burn_sizes(controls, limits, problem.thrust)
+    size = burn_sizes(controls, limits, problem)
     burns = limits.burns.copy()
     for k in np.flatnonzero(small.any(axis=(1, 2))):
         middle = np.quantile(size[k][small[k]], 0.5, method="higher")

@@ -1,9 +1,9 @@
 """The subproblem with a smallest impulse bit, by HiGHS: each thrust is zero or at least that bit.
 
 A binary variable for each thrust says whether the thruster fires. Thrusters that fire together
-must produce their control at the least cost, as a plan stores their sum alone: opposite ones are
-excluded from the start, and other sets that do not are excluded as they appear. So are controls
-whose norm exceeds its limit, by planes that cut off a bit of the sphere.
+must produce their control at the least cost, as a plan stores their sum alone: pairs that do not
+are excluded from the start, and other sets as they appear. So are controls whose norm exceeds its
+limit, by planes that cut off a bit of the sphere.
 """
 
 from itertools import combinations
@@ -73,14 +73,13 @@ class _IntegerProgram(ConicProgram):
         """The row that excludes some thrusts from being nonzero all at once."""
         return self.variables + thrusts, np.ones(len(thrusts)), len(thrusts) - 1.0
 
-    def opposite(self) -> list[BoundedRow]:
-        """Rows by which no two opposite thrusters fire together."""
-        effect, V = self.effect, len(self.price)
-        pairs = [
-            (i, j) for i, j in combinations(range(V), 2) if (effect[:, i] == -effect[:, j]).all()
-        ]
-        each = [V * s + np.array(pair) for s in range(len(self.slots[0])) for pair in pairs]
-        return list(map(self.not_together, each))
+    def wasteful_pairs(self) -> list[BoundedRow]:
+        """Rows by which no two thrusters fire together whose sum others give at less cost."""
+        V, pairs = len(self.price), np.array(list(combinations(range(len(self.price)), 2)))
+        together = cost(self.effect.T[pairs].sum(axis=1), self.sub.thrust)
+        pairs = pairs[together < 2 * (1 - LIMIT_ROUNDING)]
+        each = V * np.arange(len(self.slots[0]))[:, None, None] + pairs
+        return list(map(self.not_together, each.reshape(-1, 2)))
 
     def beyond_norm(self, control: Float[Array, "S 3"]) -> list[BoundedRow]:
         """Cutting planes, in all intervals, for scaled controls beyond the limit on their norm."""
@@ -136,7 +135,7 @@ def by_integers(sub: Subproblem) -> Optimum:
     """
     program = _IntegerProgram(sub)
     N, V, k = program.thrusts, len(program.price), len(sub.required)
-    added = program.opposite()
+    added = program.wasteful_pairs()
     for _ in range(ROUNDS):
         found = program.best(added)
         fired = found[:N].reshape(-1, V)

@@ -12,7 +12,7 @@ from pipeline.arrays import Array, Float, as_lists
 from pipeline.errors import InputError, is_number
 from pipeline.export.inertial import reference_frames, stamp
 from pipeline.files import published, write_rows
-from pipeline.orbit.thrust_cost import cost_within
+from pipeline.orbit.thrust_cost import allocated_thrusts, cost_within
 from pipeline.plan.document import plan_document
 from pipeline.plan.judge import check_states
 from pipeline.plan.plan import Plan
@@ -114,6 +114,7 @@ class Burns:
     craft: Array
     interval: Array  # from 0; it begins at the node of this number
     acceleration: Float[Array, "burns 3"]  # held along LVLH axes, m/s²
+    thrusts: Float[Array, "burns K"]  # of each thruster, m/s²; only of thrusters with directions
     delta_v: Float[Array, "burns"]  # by the scenario's kind of thrust, m/s
     mass: Float[Array, "burns"]  # before, kg; NaN where it is not known
     propellant: Float[Array, "burns"]  # that it takes, kg; NaN where it is not known
@@ -122,9 +123,12 @@ class Burns:
 def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
     """The burns of a plan; InputError where its states are not what the controls lead to."""
     check_states(plan)
-    problem = plan.scenario.problem
-    burned = cost_within(plan.controls, problem.thrust, plan.scenario.limits)
+    problem, limits = plan.scenario.problem, plan.scenario.limits
+    burned = cost_within(plan.controls, problem.thrust, limits)
     used = problem.time_step * burned
+    fired = np.zeros((*used.shape, 0))
+    if limits is not None and not isinstance(problem.thrust.model, str):
+        fired = allocated_thrusts(plan.controls, limits, problem)
     craft, interval = np.nonzero(used)
     mass = propellant = np.full(used.shape, np.nan)
     if masses is not None:
@@ -134,7 +138,7 @@ def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
             mass = mass * np.exp(-(np.cumsum(used, axis=1) - used) / exhaust)  # Tsiolkovsky
             propellant = -mass * np.expm1(-used / exhaust)
     at = craft, interval
-    return Burns(*at, plan.controls[at], used[at], mass[at], propellant[at])
+    return Burns(*at, plan.controls[at], fired[at], used[at], mass[at], propellant[at])
 
 
 def write_burns(plan: Plan, path: Path, masses: Masses | None = None) -> None:
@@ -163,6 +167,7 @@ def write_burns(plan: Plan, path: Path, masses: Masses | None = None) -> None:
         "mass": burns.mass,
         "force": burns.mass * size,
         "propellant": burns.propellant,
+        **{f"thrust_{k}": each for k, each in enumerate(burns.thrusts.T)},
     }
     rows = (v.tolist() if isinstance(v, np.ndarray) else v for v in columns.values())
     write_rows(path, columns, zip(*rows, strict=True))

@@ -1,6 +1,7 @@
 """Cost of controls by thruster model, its conjugates within limits, and violations of limits."""
 
 from functools import lru_cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from pipeline.orbit.thrust import COMPONENTS, NORM, Direction, Limits, Thrust
 
 WITHIN = 1 + 1e-12  # further factor by which prices are shrunk to norm 1, against rounding
 TIGHT = 1e-10  # tolerance of the program for thrusts, as a share of the largest control
+MOST_FIRING = 4  # thrusters in the sets that are tried; three give a control, four share it
 EXCESS = 1e3  # cost of thrust beyond a limit, so high that it is avoided where possible
 
 
@@ -134,6 +136,66 @@ def thrusts(controls: Controls, limits: Limits, thrust: Thrust) -> Float[Array, 
     return found
 
 
+def allocated_thrusts(
+    controls: Controls, limits: Limits, problem: Problem
+) -> Float[Array, "n intervals K"]:
+    """As ``thrusts``, with each zero or at least the impulse bit where such thrusts are found.
+
+    Redundant thrusters give a control in several ways of the same sum. Sets of up to MOST_FIRING
+    of them are tried, small ones first.
+    """
+    found, bit = thrusts(controls, limits, problem.thrust), problem.thrust.min_delta_v
+    if bit is None:
+        return found
+    least, model = bit / problem.time_step, problem.thrust.model
+    assert not isinstance(model, str)
+    small = (found < least) & (found > LIMIT_ROUNDING * found.max(axis=2, keepdims=True))
+    for at in zip(*np.nonzero(small.any(axis=2)), strict=True):
+        limit = float(limits.component[at[0]])
+        found[at] = _of_larger_burns(found[at], model, least, limit)
+    return found
+
+
+def _of_larger_burns(
+    given: Float[Array, "K"], model: tuple[Direction, ...], least: float, limit: float
+) -> Float[Array, "K"]:
+    """Thrusts of the same effect and sum that are zero or at least ``least``, else those given."""
+    directions, total = np.array(model), float(given.sum())
+    control = given @ directions
+    normal = _gauge(model)[(_gauge(model) @ control).argmax()]
+    # Others raise the sum, unless a limit keeps these from giving all.
+    may_fire = (directions @ normal > 1 - LIMIT_ROUNDING) | (given > LIMIT_ROUNDING * total)
+    for size in range(1, min(MOST_FIRING, int(may_fire.sum())) + 1):
+        sets = np.array(list(combinations(may_fire.nonzero()[0], size)))
+        thrust, fits = _between(directions[sets].mT, control, least, limit)
+        fits &= thrust.sum(axis=1) <= total * (1 + LIMIT_ROUNDING)
+        if fits.any():
+            first, found = int(fits.argmax()), np.zeros(len(given))
+            found[sets[first]] = thrust[first]
+            return found
+    return given
+
+
+def _between(
+    effect: Float[Array, "sets 3 V"], control: Float[Array, "3"], least: float, limit: float
+) -> tuple[Float[Array, "sets V"], Bool[Array, "sets"]]:
+    """For each set of V thrusters, thrusts that give a control, and whether all are in a range.
+
+    Four can share it in many ways, f + t v: the middle of those in the range is taken.
+    """
+    thrust, v = np.linalg.pinv(effect) @ control, np.zeros(effect.shape[::2])
+    if effect.shape[2] == 4:
+        v = np.linalg.svd(effect)[2][:, 3]
+    low, high = least * (1 - LIMIT_ROUNDING), limit * (1 + LIMIT_ROUNDING)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        begin, end = np.sort([(low - thrust) / v, (high - thrust) / v], axis=0)
+        middle = (begin.max(axis=1) + end.min(axis=1)) / 2
+    thrust += np.where(np.isfinite(middle), middle, 0.0)[:, None] * v
+    missed = np.abs(np.matvec(effect, thrust) - control).max(axis=1)
+    inside = ((low <= thrust) & (thrust <= high)).all(axis=1)
+    return thrust, inside & (missed <= TIGHT * np.abs(control).max())
+
+
 def cost_within(
     controls: Float[Array, "*batch n intervals 3"], thrust: Thrust, limits: Limits | None
 ) -> Float[Array, "*batch n intervals"]:
@@ -169,16 +231,16 @@ def exceeded_limits(controls: Controls, limits: Limits, problem: Problem) -> dic
     }
 
 
-def burn_sizes(controls: Controls, limits: Limits, thrust: Thrust) -> Controls:
+def burn_sizes(controls: Controls, limits: Limits, problem: Problem) -> Controls:
     """Size of the smallest burn that each component of a control is part of, m/s².
 
     A burn is a component, the whole control where a thruster is pointed, or a thruster's thrust.
     """
-    if thrust.model == COMPONENTS:
+    if problem.thrust.model == COMPONENTS:
         return np.abs(controls)
-    if thrust.model == NORM:
+    if problem.thrust.model == NORM:
         return np.broadcast_to(_length(controls), controls.shape)
-    fired = thrusts(controls, limits, thrust)
+    fired = allocated_thrusts(controls, limits, problem)
     fires = fired > LIMIT_ROUNDING * fired.max(axis=-1, keepdims=True)  # smaller ones are rounding
     size = np.where(fires, fired, np.inf).min(axis=-1)
     return np.broadcast_to(np.where(np.isfinite(size), size, 0.0)[..., None], controls.shape)
@@ -188,5 +250,5 @@ def too_small(controls: Controls, limits: Limits, problem: Problem) -> Bool[Arra
     """Mask of components that are part of a burn below the smallest impulse bit."""
     if (least := problem.thrust.min_delta_v) is None:
         return np.zeros(controls.shape, dtype=bool)
-    size = burn_sizes(controls, limits, problem.thrust)
+    size = burn_sizes(controls, limits, problem)
     return (size > 0) & (problem.time_step * size < least * (1 - LIMIT_ROUNDING))

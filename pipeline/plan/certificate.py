@@ -413,7 +413,7 @@ def _spending(
             LargestShare(int(one.argmax()), float(one.max()), bound) for one, bound in shares
         ]
     if thrust.min_delta_v is not None:
-        sizes = [burn_sizes(one, s.limits, thrust) for one, s in each if s.limits]
+        sizes = [burn_sizes(one, s.limits, problem) for one, s in each if s.limits]
         smallest = [step * float(one[one > 0].min()) if one.any() else None for one in sizes]
         columns["smallest_burn"] = [SmallestBurn(thrust.min_delta_v, one) for one in smallest]
     return columns

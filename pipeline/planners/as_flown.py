@@ -24,7 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
-from pipeline.orbit.thrust_cost import thrusts
+from pipeline.orbit.thrust_cost import allocated_thrusts
 from pipeline.orbit.transfer import COAST, fly
 from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
@@ -296,7 +296,7 @@ def _corrected_controls(
     """
     axes, size, limit = np.eye(3), np.abs(controls), problem.max_acceleration
     if limits is not None and not isinstance(problem.thrust.model, str):
-        axes, size = np.array(problem.thrust.model), thrusts(controls, limits, problem.thrust)
+        axes, size = np.array(problem.thrust.model), allocated_thrusts(controls, limits, problem)
     largest = size.max(axis=(1, 2), keepdims=True)
     free = size > COAST * np.maximum(largest, problem.evasive_control)
     if limits is not None:

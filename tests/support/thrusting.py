@@ -1,6 +1,7 @@
 """Scenarios with thrusters of any kind, limits of craft and impulse bits, drawn at random."""
 
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,16 @@ FIVE: Any = tuple(
 
 AXES: Any = tuple(map(tuple, np.concatenate([np.eye(3), -np.eye(3)]).tolist()))
 """Thrusters along the axes, as directions."""
+
+EIGHT: Any = tuple(tuple((np.array(one) / 3**0.5).tolist()) for one in product((1, -1), repeat=3))
+"""Thrusters to the corners of a cube: four of them are on each facet of their hull."""
+
+TWELVE: Any = tuple(
+    tuple((np.array(one) / 2**0.5).tolist())
+    for one in product((1, -1, 0), repeat=3)
+    if one.count(0) == 1
+)
+"""Thrusters to the middles of a cube's edges."""
 
 MODELS: Any = ("components", "norm", FIVE, AXES)
 

@@ -12,7 +12,7 @@ from highspy import HighsModelStatus
 from judge.motion import Case, exact_step
 from judged import document, judged
 from scipy.optimize import Bounds, LinearConstraint, milp
-from thrusting import AXES, FIVE, MODELS, drawn, least, with_thrust
+from thrusting import AXES, EIGHT, FIVE, MODELS, TWELVE, drawn, least, with_thrust
 
 from pipeline.errors import InputError
 from pipeline.expert import mixed_integer, solve, solve_many
@@ -20,7 +20,7 @@ from pipeline.expert.solvers import new_highs
 from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
-from pipeline.orbit.thrust_cost import conjugate_bound, cost, support_bound
+from pipeline.orbit.thrust_cost import allocated_thrusts, conjugate_bound, cost, support_bound
 from pipeline.plan.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.reach import REACHABLE
@@ -208,6 +208,38 @@ def test_impulse_bits_beside_a_limit_on_the_norm_cost_little_more_than_the_least
     assert plan.status == SOLVED, plan.message
     assert judged(scenario, plan).wrong == ()
     assert plan.certificate.fuel <= 1.01 * least_with_bit(scenario, bit)
+
+
+@pytest.mark.parametrize(
+    "model, index, bit", [(EIGHT, 0, 0.02), (EIGHT, 1, 0.02), (TWELVE, 0, 0.02), (TWELVE, 1, 0.06)]
+)
+def test_of_redundant_thrusters_those_fire_that_can_by_burns_as_large_as_the_bit(model, index, bit):
+    """The same control and sum of thrusts come of many burns, some of them small."""
+    problem = Problem(time_step=280.0, nodes=7, thrust=Thrust(model, min_delta_v=bit))
+    scenario = draw("rings", 7, 2, index, problem)
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert judged(scenario, plan).wrong == ()
+    assert plan.certificate.smallest_burn.least >= bit * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 0.33])
+def test_a_thrust_below_the_bit_is_shared_with_others_if_limits_allow(limit):
+    """By hand: on a facet of the cube, two opposite thrusters do what both others do.
+
+    All are at least 0.1 for shifts from 0.1 to 0.34, and at most 0.33 for shifts from 0.17 to 0.28;
+    no three of them are at least 0.1.
+    """
+    facet = np.array([k for k, one in enumerate(EIGHT) if one[2] > 0])[[0, 1, 3, 2]]
+    control = np.array([0.5, 0.05, 0.44, 0.0]) @ np.array(EIGHT)[facet]
+    problem = Problem(time_step=1.0, thrust=Thrust(EIGHT, min_delta_v=0.1))
+    one, burns = np.ones(1), np.ones((1, 1, 3), dtype=bool)
+    limits = Limits(limit * one, np.inf * one, np.inf * one, burns)
+    (found,) = allocated_thrusts(control.reshape(1, 1, 3), limits, problem)[0]
+    shift = found[facet[3]]
+    assert found[facet] == pytest.approx([0.5 - shift, 0.05 + shift, 0.44 - shift, shift])
+    assert found.sum() == pytest.approx(0.99)
+    assert (0.1 <= shift <= 0.34) if limit == np.inf else (0.17 <= shift <= 0.28 + 1e-6)
 
 
 @pytest.mark.parametrize("index, bit", [(10, 0.05), (28, 0.05), (8, 0.1), (24, 0.1), (7, 0.2)])

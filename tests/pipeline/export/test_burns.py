@@ -4,7 +4,6 @@ import csv
 import re
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from itertools import product
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from judge.thrusters import Thrusters
 from oem import OrbitEphemerisMessage
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from thrusting import AXES
+from thrusting import AXES, EIGHT
 
 from pipeline.errors import InputError
 from pipeline.expert import solve
@@ -30,8 +29,7 @@ from pipeline.scenario.spacecraft import Spacecraft
 
 WHERE = Reference(datetime(2026, 3, 1, 23, 55, 0, 250000, tzinfo=UTC), 97.4, 40.0, 350.0)
 MU = 3.986004418e14
-CORNERS = (tuple((np.array(one) / 3**0.5).tolist()) for one in product((1, -1), repeat=3))
-FOURTEEN = (*AXES, *CORNERS)
+FOURTEEN = (*AXES, *EIGHT)
 MASS, IMPULSE = [12.0, 14.0, 100.0], 220.0
 ORDER = re.compile(
     r"CCSDS_OPM_VERS (COMMENT )*CREATION_DATE ORIGINATOR OBJECT_NAME OBJECT_ID CENTER_NAME "
@@ -230,6 +228,12 @@ def test_thrusters_at_their_limits_spend_what_the_certificate_says(tmp_path):
     for craft, used in enumerate(spent):
         listed = sum(float(row["delta_v"]) for row in rows if int(row["craft"]) == craft)
         assert listed == pytest.approx(used, rel=1e-5)
+    for row in rows:
+        fired = [float(row[f"thrust_{k}"]) for k in range(14)]
+        assert 0 <= min(fired) <= max(fired) <= limit * (1 + 1e-6)
+        assert step * sum(fired) == pytest.approx(float(row["delta_v"]), rel=1e-6)
+        held = [float(row[f"u{axis}"]) for axis in "xyz"]
+        assert np.array(fired) @ FOURTEEN == pytest.approx(held, abs=1e-9 * limit)
 
 
 def test_masses_and_the_kind_of_thrust_are_the_scenarios(made, tmp_path):

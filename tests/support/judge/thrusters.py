@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain, combinations
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
@@ -102,11 +103,19 @@ class Thrusters:
                 yield f"craft {k} uses {used[k]:.9g} of its {what} {limit[k]:.9g}"
         for k in np.flatnonzero(((size > 0) & ~self.open).any(axis=1)):
             yield f"craft {k} burns where it must not"
-        burns = fired > 1e-6 * fired.max(axis=2, keepdims=True)
-        if isinstance(self.model, str):
-            burns = fired > 0
-        for k in np.flatnonzero((burns & (step * fired < self.bit * (1 - SHARE))).any(axis=(1, 2))):
+        for k in np.flatnonzero(self.smaller(controls, self.bit / step).any(axis=1)):
             yield f"craft {k} burns less than {self.bit:g} m/s"
+
+    def smaller(self, controls: np.ndarray, thrust: float) -> np.ndarray:
+        """Whether an interval needs a burn of less than a thrust at the least sum, (n, T-1)."""
+        fired = self.firings(controls)
+        burns = fired > (0 if isinstance(self.model, str) else SHARE) * fired.max(2, keepdims=True)
+        found = np.asarray((burns & (fired < thrust * (1 - SHARE))).any(axis=2))
+        if not isinstance(self.model, str):
+            for k, t in np.argwhere(found):
+                most = self.component[k] * (1 + SHARE)
+                found[k, t] = not _fires_within(controls[k, t], self.model, thrust, most)
+        return found
 
     def least(self, k: int, reach: np.ndarray, miss: np.ndarray, unit: float) -> float:
         """Least fuel of craft k, in units, with reach · u = miss; infinite where none does."""
@@ -162,6 +171,26 @@ def _program(
         limits.append(cp.norm(control, 2, axis=1) <= given["norm"])
     limits += [thrust[t] <= 0 for t in closed]
     return cp.Problem(cp.Minimize(cp.sum(cost)), limits), given
+
+
+def _fires_within(wanted: np.ndarray, model: np.ndarray, least: float, most: float) -> bool:
+    """Whether thrusts of the least sum that give a vector can all be zero or within a range.
+
+    Tries all sets of the thrusters which by the least sum's dual variables may fire.
+    """
+    size = np.abs(wanted).max()
+    ones, given, top = np.ones(len(model)), wanted / size, most / size
+    cheapest = linprog(ones, A_eq=model.T, b_eq=given, bounds=(0, top))
+    if cheapest.fun is None:
+        return False
+    may_fire = np.flatnonzero(1 - model @ cheapest.eqlin.marginals < SHARE)
+    sets = chain.from_iterable(combinations(may_fire, k) for k in range(1, len(may_fire) + 1))
+    bottom = least / size * (1 - SHARE)
+    for some in map(list, sets):
+        found = linprog(ones[some], A_eq=model[some].T, b_eq=given, bounds=(bottom, top))
+        if found.fun is not None and found.fun <= cheapest.fun * (1 + SHARE):
+            return True
+    return False
 
 
 def _least_sums(wanted: np.ndarray, model: np.ndarray, most: np.ndarray) -> np.ndarray:
