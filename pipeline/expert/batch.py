@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import FUEL_SHARE
+from pipeline.expert.corridor_bounds import corridor_bounds
 from pipeline.expert.decoupled import (
-    LEFT_OUT,
     DecoupledOptima,
     cheapest_constraints,
     control_units,
@@ -25,7 +25,7 @@ from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
 from pipeline.scenario import Scenario, participants, shared_problem
 from pipeline.scenario.spacecraft import limits_of
-from pipeline.scenario.state_constraints import StateConstraints
+from pipeline.scenario.state_constraints import StateConstraints, state_constraints
 from pipeline.scenario.waypoint import closest_pair
 
 NAMES = {"initial": "start", "goal": "goal"}  # of ends, in words
@@ -65,9 +65,17 @@ class Batch:
 
     @cached_property
     def optima(self) -> DecoupledOptima:
-        """The decoupled optima of all craft."""
+        """The decoupled optima of all craft, with bounds and proofs for those in corridors."""
         ends = self.initial, self.goal, self.problem
         optima = decoupled_optima(*ends, self.limits, self.constraints)
+        # Corridors are looked at for the times of waypoints that are chosen, and prove no others.
+        faces = self.swarms.faces
+        fixed = optima.feasible & np.isinf(self.open_bound)
+        if faces is not None and (its := fixed[faces.craft]).any():
+            limits = self.limits or limits_of((), len(self.miss), self.problem)
+            at = self.constraints or state_constraints(*ends, {})
+            alone = self.initial, optima.controls, at, limits, self.problem, faces[its]
+            optima = optima.at_least(*corridor_bounds(*alone))
         return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
 
     @cached_property
@@ -102,7 +110,11 @@ class Batch:
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""
         bound, proof = self.optima.bound(self.craft[k])
-        return bound, proof + (LEFT_OUT if self.scenarios[k].unlike else "")
+        scenario = self.scenarios[k]
+        left_out = ["obstacles"] if scenario.obstacles else []
+        if scenario.corridors and np.isfinite(self.open_bound[self.craft[k]]).any():
+            left_out.append("corridors")
+        return bound, f"{proof}, {' and '.join(left_out)} left out" if left_out else proof
 
     @property
     def unlike(self) -> bool:
@@ -121,8 +133,8 @@ class Batch:
     def infeasible(self) -> list[str]:
         """For each scenario, the reason why it provably has no plan, or an empty string.
 
-        A craft on its own cannot make its transfer, or a pair is within the collision radius at
-        one of its ends, where no control can move it.
+        A craft on its own cannot make its transfer in its corridors, or a pair is within the
+        collision radius at one of its ends, where no control can move it.
         """
         close = _end_collisions(self.initial, self.goal, self.problem, self.swarms)
         impossible = self.swarms.split(self.optima.impossible)
@@ -133,7 +145,8 @@ class Batch:
             if craft.any():
                 k = int(craft.argmax())
                 way = " by its waypoints" if scenario.waypoints else ""
-                given = f"{way} {allowed_thrust(scenario)}"
+                inside = " inside its corridors" if self.optima.feasible[start + k] else ""
+                given = f"{way}{inside} {allowed_thrust(scenario)}"
                 reason = f"craft {k} cannot reach its goal{given}, which is proven"
                 reason += self._drift_miss(int(start) + k)
             reasons.append(reason)

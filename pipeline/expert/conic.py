@@ -65,6 +65,8 @@ class ConicProgram:
         may = np.ones(self.variables, dtype=bool)
         if self.sub.thrust.model == COMPONENTS:
             may[: self.thrusts] = np.tile(self.limits.burns[self.slots], 2).ravel()
+        if not np.isfinite(self.sub.penalty):
+            may[self.thrusts : self.thrusts + len(self.sub.required)] = False
         return np.flatnonzero(may)
 
     @cached_property
@@ -243,6 +245,11 @@ class ConicProgram:
         controls[craft, interval] = self.sub.unit * z @ self.effect.T
         return controls.reshape(n, m)
 
+    def half_space_duals(self, z: Values) -> Float[Array, "_"]:
+        """The dual variables of half-spaces, m/s² per m."""
+        end = len(z) - len(self.cones()[1])
+        return self.sub.unit / LENGTH * z[end - len(self.sub.required) : end]
+
     def splits(self, z: Values) -> Float[Array, "n intervals 3"]:
         """The dual variables of each control's cone: the split w of ``conjugate_bound``."""
         sub, (craft, interval) = self.sub, self.slots
@@ -308,6 +315,5 @@ def _by_cones(sub: Subproblem) -> Optimum:
     status, x, z = program.solution(*OPTIMAL)
     if status not in OPTIMAL:
         raise UnsolvableError(f"the convex solver stopped with {status}")
-    k, end, top = len(sub.required), len(z) - len(program.cones()[1]), program.thrusts
-    dual = sub.unit / LENGTH * z[end - k : end]
-    return Optimum(program.controls_of(x), LENGTH * x[top : top + k], dual)
+    slack = LENGTH * x[program.thrusts :][: len(sub.required)]
+    return Optimum(program.controls_of(x), slack, program.half_space_duals(z))

@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.arrays import Array, Bool, Float
 from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, ConicProgram
+from pipeline.expert.cuts import HalfSpaces
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.arrays import Controls, Rows
+from pipeline.orbit.arrays import Controls, PerCraft, Rows, Values
 from pipeline.orbit.decoupled import SHORT
 from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
@@ -29,20 +30,31 @@ MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 @dataclass(frozen=True, eq=False)
 class Duals(Rows):
-    """Dual variables of the programs of n craft; any values prove a bound."""
+    """What dual variables y of the rows of n craft's programs prove; any values do.
 
-    goal: Float[Array, "n r"]  # y, of the goals and waypoints
+    Of rows of goals and waypoints, reach u = miss, and of half-spaces, reach u ≥ miss, y ≥ 0.
+    """
+
+    value: PerCraft  # y · miss, m/s²
+    along: Float[Array, "n intervals 3"]  # y · reach
     # w, of the cones: the part of y · reach that the norm's limit bounds
     split: Float[Array, "n intervals 3"]
 
 
-def decoupled_program(at: StateConstraints, limits: Limits, problem: Problem) -> ConicProgram:
-    """The cone program of decoupled craft; it minimizes total fuel, whatever the objective."""
-    none: Int[Array, 0] = np.zeros(0, dtype=int)
-    m = at.reach.shape[1]
+def decoupled_program(
+    at: StateConstraints, limits: Limits, problem: Problem, inside: HalfSpaces | None = None
+) -> ConicProgram:
+    """The cone program of decoupled craft; it minimizes total fuel, whatever the objective.
+
+    With half-spaces ``inside`` of which its controls are, of a single craft.
+    """
+    if inside is None:
+        inside = HalfSpaces(np.zeros((0, at.reach.shape[1])), np.zeros(0))
+    craft = np.zeros(len(inside), dtype=int)
     largest = np.abs(np.matvec(transfer_maps(problem).to_goal, at.miss[:, :6])).max()
     sub = Subproblem(
-        *(at.reach, at.miss, none, none, np.zeros((0, m)), np.zeros(0), np.inf, 0.0),
+        *(at.reach, at.miss, craft, craft, inside.row, inside.required, np.inf, np.inf),
+        other=0 * inside.row,
         constrained=at.constrained,
         unit=float(largest if largest > problem.negligible_fuel else problem.evasive_control),
         thrust=replace(problem.thrust, objective="total"),
@@ -62,29 +74,40 @@ def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
 
 
 def minimum_fuel_by_cones(
-    at: StateConstraints, limits: Limits, problem: Problem
+    at: StateConstraints, limits: Limits, problem: Problem, inside: HalfSpaces | None = None
 ) -> tuple[Controls | None, Duals]:
-    """Minimum-fuel controls of all craft by one cone program, or None, and dual variables."""
-    program = decoupled_program(at, limits, problem)
+    """Minimum-fuel controls of all craft by one cone program, or None, and what its duals prove.
+
+    Within half-spaces as in ``decoupled_program``.
+    """
+    program = decoupled_program(at, limits, problem, inside)
     status, x, z = program.solution(*OPTIMAL, IMPOSSIBLE)
-    y = np.zeros(at.miss.shape)
-    y[at.constrained] = -z[: at.constrained.sum()]
-    dual = Duals(y * program.sub.goal_scale * program.sub.unit, program.splits(z))
+    dual = _duals(program, z, at)
     if status not in OPTIMAL:
         return None, dual
     return program.controls_of(x).reshape(len(at), -1, 3), dual
 
 
-def dual_bounds(
-    duals: Duals, at: StateConstraints, limits: Limits, problem: Problem
-) -> Float[Array, "n"]:
-    """The lower bound on the fuel of each craft, m/s², that any dual variables prove.
+def _duals(program: ConicProgram, z: Values, at: StateConstraints) -> Duals:
+    """What the dual variables z of a program prove."""
+    sub, y = program.sub, np.zeros(at.miss.shape)
+    y[at.constrained] = -z[: at.constrained.sum()]
+    y *= sub.goal_scale * sub.unit
+    value, along = np.vecdot(at.miss, y), (y @ at.reach).reshape(len(y), -1, 3)
+    if len(sub.required):
+        dual = program.half_space_duals(z)
+        value += sub.required @ dual
+        along += (dual @ sub.row).reshape(-1, 3)
+    return Duals(value, along, program.splits(z))
+
+
+def dual_bounds(duals: Duals, limits: Limits, problem: Problem) -> PerCraft:
+    """The lower bound on the fuel of each craft, m/s², that dual variables prove.
 
     By weak duality: for any y, a control u costs at least y · (reach u) less the conjugate of the
     cost; and at least y · (reach u) where y is scaled until its dual norm is at most 1.
     """
-    y = duals.goal
-    along, value = _along(y, at), np.vecdot(at.miss, y)
+    along, value = duals.along, duals.value
     most = np.where(limits.burns.any(axis=2), dual_norm(along, problem.thrust), 0.0).max(axis=1)
     bound = value / np.maximum(1.0, most)
     with np.errstate(invalid="ignore"):
@@ -98,11 +121,11 @@ def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, proble
     By the support function of the controls along y (Farkas' lemma), or, with the largest limit
     that a problem may have, along directions in which controls have almost no effect.
     """
-    largest = np.abs(duals.goal).max()  # infeasible programs end with any size of dual variables
+    largest = np.abs(duals.value).max()  # infeasible programs end with any size of dual variables
     if 0 < largest < np.inf:
-        y, split = duals.goal / largest, duals.split / largest
-        most = support_bound(_along(y, at), split, limits, problem.thrust)[0]
-        if at.miss[0] @ y[0] > most * (1 + LIMIT_ROUNDING):
+        along, split = duals.along / largest, duals.split / largest
+        most = support_bound(along, split, limits, problem.thrust)[0]
+        if duals.value[0] / largest > most * (1 + LIMIT_ROUNDING):
             return True
     rows, columns = at.constrained[0], limits.burns[0].ravel()
     scale, miss, reach = at.scale[rows], at.miss[0, rows], at.reach[rows][:, columns]
@@ -111,11 +134,6 @@ def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, proble
     effects[effects < NO_EFFECT * effects.max(initial=0.0)] = 0.0
     furthest = RANGES["max_acceleration"][1] * effects.sum(axis=1)
     return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
-
-
-def _along(y: Float[Array, "n r"], at: StateConstraints) -> Float[Array, "n intervals 3"]:
-    """Effect of each control along y, per m/s²."""
-    return (y @ at.reach).reshape(len(y), -1, 3)
 
 
 def polished(

@@ -1,7 +1,7 @@
 """Decoupled optima: each craft's optimum without the others, the SCP's start and lower bound."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +16,7 @@ from pipeline.expert.conic_decoupled import (
 )
 from pipeline.expert.solvers import by_simplex
 from pipeline.expert.subproblem import Basis, Subproblem, UnsolvableError
-from pipeline.orbit.arrays import Controls, CraftMask, Formation, Rows
+from pipeline.orbit.arrays import Controls, CraftMask, Formation, PerCraft, Rows
 from pipeline.orbit.decoupled import (
     MinimumFuelTransfers,
     acceleration_scale,
@@ -36,7 +36,6 @@ LOOSE = 1e-7  # largest gap between a craft's fuel and its bound, as a share of 
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own convex program"
-LEFT_OUT = ", obstacles and corridors left out"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +50,16 @@ class DecoupledOptima(Rows):
     impossible: CraftMask
     tabled: CraftMask  # whether the bound is by the table and not by a program
     basis: Int[Array, "n 6"] | None = None  # as in ``Subproblem``, without a thrust limit
+
+    def at_least(self, bound: PerCraft, impossible: CraftMask) -> "DecoupledOptima":
+        """The optima with other bounds, by programs, where these are higher, and more proofs."""
+        higher = bound > self.lower_bound
+        return replace(
+            self,
+            lower_bound=np.where(higher, bound, self.lower_bound),
+            impossible=self.impossible | impossible,
+            tabled=self.tabled & ~higher,
+        )
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
         """Lower bound on the total fuel of some craft, m/s², and how it is proven."""
@@ -178,7 +187,7 @@ def limited_optima(
             continue
         feasible[craft] = True
         controls[craft] = polished(found, at[craft], limits[craft], problem)
-        bound[craft] = dual_bounds(duals, at[craft], limits[craft], problem)
+        bound[craft] = dual_bounds(duals, limits[craft], problem)
         # Where required changes differ much in size, the small ones are lost in rounding.
         fuel = cost(controls[craft], problem.thrust).sum(axis=1)
         loose = craft[fuel - bound[craft] > LOOSE * fuel + problem.negligible_fuel]

@@ -74,7 +74,7 @@ class Subproblem:
     row: Float[Array, "k m"]  # effect of the first craft's controls along the normal, m per m/s²
     required: Values  # what the controls must contribute along the normal, m
     limit: float  # largest component of a control, m/s², or infinity
-    penalty: float  # cost of a metre of slack, m/s²
+    penalty: float  # cost of a metre of slack, m/s²; infinite where cone programs have none
     unit: float  # size of a typical control, m/s², which makes the solver's numbers of order one
     # basic variables of each craft's decoupled optimum, where they are known: the index of a
     # control, plus m where it acts in the negative direction

@@ -26,6 +26,7 @@ from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.thrust_cost import allocated_thrusts
 from pipeline.orbit.transfer import COAST, fly
+from pipeline.plan.certificate import gap_of
 from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import Requirements
@@ -79,7 +80,8 @@ class AsFlown(PlannerWrapper):
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
         """The plan as flown, planned again where it is not safe there, or burns too much."""
         started, planning, more = perf_counter(), linear.timing.get("plan", 0.0), np.zeros(2)
-        dear, solves = linear.certificate.optimality_gap + MOST_FUEL_ADDED, linear.convex_solves
+        linear_gap = gap_of(linear.certificate.fuel, _linear_bound(linear)[0], scenario.problem)
+        dear, solves = linear_gap + MOST_FUEL_ADDED, linear.convex_solves
         passed = _passed(linear)
         plan = _corrected(scenario, linear, self.requirements, passed)
         if linear.status == INFEASIBLE and (why := impossible_states(scenario)):
@@ -231,7 +233,7 @@ def _with_saving_in_flight(plan: Plan, asked: Scenario) -> Plan:
     if plan.assignment is None or not plan.as_flown:
         return plan
     # The bound for the given order changes by as much as that for the one that is flown
-    given, flown = Batch([asked]), Batch([plan.scenario])
+    given, flown = (Batch([replace(one, corridors=())]) for one in (asked, plan.scenario))
     change = plan.certificate.fuel_lower_bound - flown.bound(0)[0]
     bound = np.inf if given.optima.impossible.any() else given.bound(0)[0] + change
     return replace(plan, assignment=with_saving(plan.assignment, bound, plan))
@@ -263,22 +265,35 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
 
 
 def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Draft:
-    """The controls of a flight, with a fuel bound of linear programs about that flight."""
+    """The controls of a flight, with a fuel bound of linear programs about that flight.
+
+    It leaves corridors out, in which linear motion is not where the flight is.
+    """
     # Where goals or times were chosen, the bound over all choices changes by as much as this.
+    free = replace(scenario, corridors=())
     try:
-        shifted = _shifted_to_linear(scenario, controls, states)
+        shifted = _shifted_to_linear(free, controls, states)
     except InputError as error:  # beyond the largest position of a scenario
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
-    found, batch = linear.certificate, Batch([shifted], constraints=timed_constraints(shifted))
+    batch = Batch([shifted], constraints=timed_constraints(shifted))
     bound, proof = batch.bound(0)
     if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        chosen = replace(scenario, problem=linear.scenario.problem, craft=linear.scenario.craft)
+        chosen = replace(free, problem=linear.scenario.problem, craft=linear.scenario.craft)
         change = bound - Batch([chosen], constraints=timed_constraints(chosen)).bound(0)[0]
-        bound, proof = found.fuel_lower_bound + change, found.fuel_lower_bound_proof
+        bound, proof = _linear_bound(linear)
+        bound += change
     least, timing = batch.least_share(0), {"plan": linear.timing.get("plan", 0.0)}
-    proof = f"{proof}, about the flight, to first order"
+    left_out = ", corridors left out" if scenario.corridors else ""
+    proof = f"{proof}{left_out}, about the flight, to first order"
     return Draft(controls, bound, proof, linear.convex_solves, timing, least)
+
+
+def _linear_bound(linear: Plan) -> tuple[float, str]:
+    """Lower bound on the fuel of a linear plan with corridors left out, m/s², and its proof."""
+    if linear.assignment is None and linear.scenario.corridors:
+        return Batch([replace(linear.scenario, corridors=())]).bound(0)
+    return linear.certificate.fuel_lower_bound, linear.certificate.fuel_lower_bound_proof
 
 
 def _corrected_controls(

@@ -97,7 +97,8 @@ def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
     fuel = np.zeros((n, n))
     for shift in range(n):
         slots = (craft + shift) % n
-        optima = Batch([scenario.taking(slots.tolist())]).optima
+        free = replace(scenario.taking(slots.tolist()), corridors=())
+        optima = Batch([free]).optima
         fuel[craft, slots] = np.where(optima.impossible, np.inf, optima.lower_bound)
     return fuel
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from judge.adrift import Adrift, closest_adrift, distance_adrift
 from judge.corridors import least_inside
-from judge.fuel import Bound, least_fuel, least_fuel_of_any_order
+from judge.fuel import Bound, least_fuel, least_fuel_inside, least_fuel_of_any_order
 from judge.keep_out import Closest, least_clearance, pairs
 from judge.motion import Case, after, fly
 from judge.separation import closest_approaches, distance_at
@@ -66,6 +66,7 @@ class _Flight:
     high: float
     node_collisions: int
     fuel: float
+    most: float
     proven: float
     attained: float
     adrift: Adrift | None = None
@@ -106,6 +107,12 @@ def judge_plan(
     least = least_fuel_of_any_order if plan.get("assignment") else least_fuel
     bound: Bound = least(problem, initial, goal)
     said = plan.get("certificate", {})
+    fuel = float(_spent(problem, controls).sum())
+    most = float(bound.attained.sum())  # that a plan can be proven to need
+    if scenario.get("corridors") and not plan.get("assignment"):
+        along_axes = problem.thrusters is None
+        inside = least_fuel_inside(scenario, problem, initial, goal) if along_axes else fuel
+        most = min(float(np.sum(inside)), fuel)
     claim = said.get("passive_safety")
     adrift = None
     if claim is not None and n > 1:
@@ -124,7 +131,8 @@ def judge_plan(
         low=near.low.min(initial=np.inf),
         high=near.high.min(initial=np.inf),
         node_collisions=close,
-        fuel=float(_spent(problem, controls).sum()),
+        fuel=fuel,
+        most=most,
         proven=float(bound.proven.sum()),
         attained=float(bound.attained.sum()),
         adrift=adrift,
@@ -225,15 +233,16 @@ def _untrue(
     """Claims of a certificate, of which any may be left out, against what is found."""
     problem, alone = flight.problem, len(flight.goal) == 1
     moved = after(problem.rate, problem.step, states[:, :-1], flight.controls)
-    gap = flight.fuel / flight.attained - 1 if flight.attained > 1e-9 else None
+    bounds = (flight.most, flight.attained)
+    gaps = [flight.fuel / one - 1 for one in bounds if one > 1e-9]
     no_plan = status in ("unsolved", "infeasible")  # which has no gap
     exact = 1e-9 if problem.thrusters is None else 1e-7  # a program may say what thrusters do
     # By name: least and most that is true.
     true = {
         "fuel": _about(flight.fuel, exact),
         "delta_v": _about(flight.fuel * problem.step, exact),
-        "fuel_lower_bound": _about(flight.attained, SHARE),
-        "optimality_gap": gap is not None and not no_plan and (gap - 2e-6, gap + 2e-6),
+        "fuel_lower_bound": (_about(flight.attained, SHARE)[0], _about(flight.most, SHARE)[1]),
+        "optimality_gap": bool(gaps) and not no_plan and (min(gaps) - 2e-6, max(gaps) + 2e-6),
         # About an ellipsoid and a craft of some radius more may be counted.
         "node_collisions": (
             flight.node_collisions,
