@@ -8,11 +8,11 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import FUEL_SHARE
-from pipeline.expert.corridor_bounds import corridor_bounds
 from pipeline.expert.decoupled import (
     DecoupledOptima,
     cheapest_constraints,
     control_units,
+    corridor_bounds,
     decoupled_optima,
     goal_miss,
 )
