@@ -17,6 +17,7 @@ from pipeline.expert.decoupled import (
     goal_miss,
 )
 from pipeline.orbit.arrays import Controls, Formation, Indices, Values
+from pipeline.orbit.corridors import Faces
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.problem import Problem
@@ -68,15 +69,22 @@ class Batch:
         """The decoupled optima of all craft, with bounds and proofs for those in corridors."""
         ends = self.initial, self.goal, self.problem
         optima = decoupled_optima(*ends, self.limits, self.constraints)
-        # Corridors are looked at for the times of waypoints that are chosen, and prove no others.
-        faces = self.swarms.faces
-        fixed = optima.feasible & np.isinf(self.open_bound)
-        if faces is not None and (its := fixed[faces.craft]).any():
-            limits = self.limits or limits_of((), len(self.miss), self.problem)
-            at = self.constraints or state_constraints(*ends, {})
-            alone = self.initial, optima.controls, at, limits, self.problem, faces[its]
-            optima = optima.at_least(*corridor_bounds(*alone))
+        if self.swarms.faces is not None:
+            optima = self.inside(self.swarms.faces, optima)
         return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
+
+    def inside(self, faces: Faces, optima: DecoupledOptima) -> DecoupledOptima:
+        """Decoupled optima with bounds and proofs for craft inside faces of corridors.
+
+        Not of craft with waypoints at open times, as they are for one choice of these.
+        """
+        fixed = optima.feasible & np.isinf(self.open_bound)
+        limits = self.limits or limits_of((), len(self.miss), self.problem)
+        at = self.constraints
+        if at is None:
+            at = state_constraints(self.initial, self.goal, self.problem, {})
+        alone = self.initial, optima.controls, at, limits, self.problem
+        return optima.at_least(*corridor_bounds(*alone, faces[fixed[faces.craft]]))
 
     @cached_property
     def weight(self) -> Float[Array, "n"] | None:

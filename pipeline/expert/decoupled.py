@@ -37,6 +37,7 @@ from pipeline.scenario.waypoint import Waypoint, node_choices, of_craft
 LOOSE = 1e-7  # largest gap between a craft's fuel and its bound, as a share of its fuel
 OUTSIDE = 1e-4  # distance outside of a corridor from which a half-space is added, m
 CORRIDOR_ROUNDS = 20  # programs of a craft in corridors at most
+CONVERGED = 1e-4  # largest gain of a bound, as a share, with which these end
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own convex program"
@@ -252,7 +253,9 @@ def _bound_of_one(
         found, duals = minimum_fuel_by_cones(at, limits, problem, inside)
         if found is None:
             return bound, proven_infeasible(duals, at, limits, problem)
-        bound = max(bound, float(dual_bounds(duals, limits, problem)[0]))
+        before, bound = bound, max(bound, float(dual_bounds(duals, limits, problem)[0]))
+        if 0 < bound <= before * (1 + CONVERGED):
+            break
     return bound, False
 
 

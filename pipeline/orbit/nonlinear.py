@@ -99,19 +99,27 @@ class NonlinearFlight:
         """Least margin of craft inside corridors, by ``least_margin``."""
         return least_margin(_pieces(self.arcs), faces, 0.0, self.problem.duration)
 
+    def times(self) -> Float[Array, "K M q"]:
+        """The times of the points of all arcs, s since the first node."""
+        pieces = self.arcs.shape[2]
+        share = (np.arange(pieces)[:, None] + (1 + NODES) / 2) / pieces
+        return self.problem.time_step * (np.arange(self.problem.intervals)[:, None, None] + share)
+
+    def from_linear(self, states: States) -> Float[Array, "n K M q 3"]:
+        """Positions at the points of arcs less those of linear motion from each node's state, m."""
+        each = np.arange(self.problem.intervals)[:, None]
+        A, B = self.problem.dynamics.step(self.times()[0].ravel(), each)
+        linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, self.controls[:, :, None])
+        positions = self.arcs[..., :3]
+        return np.asarray(positions - linear[..., :3].reshape(positions.shape))
+
     def deviation(self, states: States) -> float:
         """Upper bound on the distance of any craft at any time from linear motion, m.
 
         Linear motion starts anew at each node's state. The bound is the sum of the absolute
         Chebyshev coefficients of the difference.
         """
-        arcs, dynamics = self.arcs[..., :3], self.problem.dynamics
-        pieces = arcs.shape[2]
-        share = (np.arange(pieces)[:, None] + (1 + NODES) / 2).ravel() / pieces
-        each = np.arange(self.problem.intervals)[:, None]
-        A, B = dynamics.step(share * self.problem.time_step, each)
-        linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, self.controls[:, :, None])
-        off = COEFFICIENTS @ (arcs - linear[..., :3].reshape(arcs.shape))
+        off = COEFFICIENTS @ self.from_linear(states)
         return float(norm(off).sum(axis=-1).max())
 
     def between(self, time: Float[Array, "K t"]) -> Float[Array, "n K t 6"]:

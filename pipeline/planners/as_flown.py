@@ -19,6 +19,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.batch import Batch, impossible_for_any_goals, impossible_states
 from pipeline.expert.decoupled import minimum_fuel
 from pipeline.orbit.arrays import Controls, CraftMask, States, Values, norm
+from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.nonlinear import NonlinearFlight
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
@@ -26,7 +27,7 @@ from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.thrust_cost import allocated_thrusts
 from pipeline.orbit.transfer import COAST, fly
-from pipeline.plan.certificate import gap_of
+from pipeline.plan.certificate import Certificate
 from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import Requirements
@@ -80,8 +81,7 @@ class AsFlown(PlannerWrapper):
     def _flown(self, scenario: Scenario, linear: Plan) -> Plan:
         """The plan as flown, planned again where it is not safe there, or burns too much."""
         started, planning, more = perf_counter(), linear.timing.get("plan", 0.0), np.zeros(2)
-        linear_gap = gap_of(linear.certificate.fuel, _linear_bound(linear)[0], scenario.problem)
-        dear, solves = linear_gap + MOST_FUEL_ADDED, linear.convex_solves
+        solves = linear.convex_solves
         passed = _passed(linear)
         plan = _corrected(scenario, linear, self.requirements, passed)
         if linear.status == INFEASIBLE and (why := impossible_states(scenario)):
@@ -90,7 +90,7 @@ class AsFlown(PlannerWrapper):
                 plan = replace(plan, status=INFEASIBLE, message=why)
         best = plan
         for tried in range(MOST_PLANS - 1):
-            is_dear = tried == 0 and plan.certificate.optimality_gap > dear
+            is_dear = tried == 0 and _is_dear(plan, linear.certificate)
             if linear.status != SOLVED or not (plan.status == UNSAFE or is_dear):
                 break
             more += WIDENING * np.array([_separation_shortfall(plan), _corridor_shortfall(plan)])
@@ -122,6 +122,14 @@ class AsFlown(PlannerWrapper):
         return replace(found, convex_solves=solves, **kept)
 
 
+def _is_dear(plan: Plan, linear: Certificate) -> bool:
+    """Whether corrections add much to the fuel of a linear plan, beside what bounds change."""
+    found = plan.certificate
+    if plan.scenario.corridors:  # on which bounds depend too much
+        return found.fuel > linear.fuel * (1 + MOST_FUEL_ADDED)
+    return found.optimality_gap > linear.optimality_gap + MOST_FUEL_ADDED
+
+
 def _rank(plan: Plan) -> tuple[bool, bool, float]:
     """Sort key of plans: the best comes first."""
     return plan.status != SOLVED, not plan.as_flown, plan.certificate.fuel
@@ -147,6 +155,18 @@ def _shifted_to_linear(scenario: Scenario, controls: Controls, states: States) -
         faster = None if one.velocity is None else tuple(velocity)
         waypoints.append(replace(one, position=(x, y, z), velocity=faster))
     return replace(scenario, goal=scenario.goal - deviation[:, -1], waypoints=tuple(waypoints))
+
+
+def _faces_about(flight: NonlinearFlight, corridors: Sequence[Corridor]) -> Faces:
+    """Faces of corridors at single times, less the deviation of a flight from linear motion."""
+    n, linear = len(flight.initial), fly(flight.initial, flight.controls, flight.problem)
+    off, times = flight.from_linear(linear).reshape(n, -1, 3), flight.times().ravel()
+    faces = Faces.of(corridors, n)
+    counts = (faces.begin[:, None] <= times) & (times <= faces.end[:, None])
+    row, at = np.nonzero(counts)
+    faces, when = faces[row], times[at]
+    offset = faces.offset - np.vecdot(faces.normal, off[faces.craft, at])
+    return replace(faces, offset=offset, begin=when, end=when)
 
 
 def _planned(planner: Planner, scenarios: Sequence[Scenario]) -> list[Plan]:
@@ -265,11 +285,7 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
 
 
 def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Draft:
-    """The controls of a flight, with a fuel bound of linear programs about that flight.
-
-    It leaves corridors out, in which linear motion is not where the flight is.
-    """
-    # Where goals or times were chosen, the bound over all choices changes by as much as this.
+    """The controls of a flight, with a fuel bound of linear programs about that flight."""
     free = replace(scenario, corridors=())
     try:
         shifted = _shifted_to_linear(free, controls, states)
@@ -277,14 +293,18 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
     batch = Batch([shifted], constraints=timed_constraints(shifted))
+    chosen = linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints
+    if scenario.corridors and not chosen:
+        flight = NonlinearFlight(scenario.initial, controls, scenario.problem)
+        batch.optima = batch.inside(_faces_about(flight, scenario.corridors), batch.optima)
     bound, proof = batch.bound(0)
-    if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
-        chosen = replace(free, problem=linear.scenario.problem, craft=linear.scenario.craft)
-        change = bound - Batch([chosen], constraints=timed_constraints(chosen)).bound(0)[0]
+    if chosen:  # the bound over all goals and times changes by as much as that for these
+        given = replace(free, problem=linear.scenario.problem, craft=linear.scenario.craft)
+        change = bound - Batch([given], constraints=timed_constraints(given)).bound(0)[0]
         bound, proof = _linear_bound(linear)
         bound += change
     least, timing = batch.least_share(0), {"plan": linear.timing.get("plan", 0.0)}
-    left_out = ", corridors left out" if scenario.corridors else ""
+    left_out = ", corridors left out" if scenario.corridors and chosen else ""
     proof = f"{proof}{left_out}, about the flight, to first order"
     return Draft(controls, bound, proof, linear.convex_solves, timing, least)
 
