@@ -183,7 +183,7 @@ def test_an_end_outside_several_faces_of_a_corridor_is_one_case_by_the_furthest(
 
 @pytest.mark.parametrize("limit", [1e-3, 0.01, 0.02, 0.1])
 def test_a_corridor_that_cannot_be_kept_within_the_limit_of_thrust_is_proven_infeasible(limit):
-    """As a linear program by HiGHS says, which is inside at 60 times in an interval."""
+    """As a linear program by HiGHS says, which is inside at 20 times in an interval."""
     narrow = Corridor(Box((-1.0, -400.0, -1.0), (1.0, -290.0, 1.0)), 0.0, 1080.0)
     free = replace(approach(1), problem=Problem(max_acceleration=limit))
     asked = replace(free, corridors=(narrow,))

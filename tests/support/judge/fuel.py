@@ -15,7 +15,7 @@ from scipy.sparse import eye, kron
 from judge.motion import Case, exact_step
 
 INFEASIBLE = 2
-PARTS = 60
+PARTS = 20
 AGREEMENT = 1e-6
 
 
