@@ -147,30 +147,37 @@ def allocated_thrusts(
     found, bit = thrusts(controls, limits, problem.thrust), problem.thrust.min_delta_v
     if bit is None:
         return found
-    least, model = bit / problem.time_step, problem.thrust.model
-    assert not isinstance(model, str)
+    least, directions = bit / problem.time_step, problem.thrust.directions
+    assert directions is not None
     small = (found < least) & (found > LIMIT_ROUNDING * found.max(axis=2, keepdims=True))
     for at in zip(*np.nonzero(small.any(axis=2)), strict=True):
         limit = float(limits.component[at[0]])
-        found[at] = _of_larger_burns(found[at], model, least, limit)
+        found[at] = _of_larger_burns(found[at], directions, least, limit)
     return found
 
 
 def _of_larger_burns(
-    given: Float[Array, "K"], model: tuple[Direction, ...], least: float, limit: float
+    given: Float[Array, "K"], directions: Float[Array, "K 3"], least: float, limit: float
 ) -> Float[Array, "K"]:
     """Thrusts of the same effect and sum that are zero or at least ``least``, else those given."""
-    directions, total = np.array(model), float(given.sum())
-    control = given @ directions
-    normal = _gauge(model)[(_gauge(model) @ control).argmax()]
-    # Others raise the sum, unless a limit keeps these from giving all.
-    may_fire = (directions @ normal > 1 - LIMIT_ROUNDING) | (given > LIMIT_ROUNDING * total)
-    for size in range(1, min(MOST_FIRING, int(may_fire.sum())) + 1):
-        sets = np.array(list(combinations(may_fire.nonzero()[0], size)))
-        thrust, fits = _between(directions[sets].mT, control, least, limit)
-        fits &= thrust.sum(axis=1) <= total * (1 + LIMIT_ROUNDING)
+    from scipy.optimize import linprog  # slow to import, and only some thrusters need it
+
+    control, unit = given @ directions, float(given.sum())
+    cheapest = linprog(
+        np.ones(len(given)), A_eq=directions.T, b_eq=control / unit, bounds=(0, limit / unit)
+    )
+    if cheapest.x is None:
+        return given
+    # By complementary slackness: in all thrusts of the least sum those of negative reduced cost are
+    # at their limit, and others of positive one do not fire.
+    reduced = 1 - directions @ cheapest.eqlin.marginals
+    at_limit = np.where(reduced < -LIMIT_ROUNDING, given, 0.0)
+    rest, may_fire = control - at_limit @ directions, (abs(reduced) <= LIMIT_ROUNDING).nonzero()[0]
+    for size in range(1, min(MOST_FIRING, len(may_fire)) + 1):
+        sets = np.array(list(combinations(may_fire, size)))
+        thrust, fits = _between(directions[sets].mT, rest, least, limit)
         if fits.any():
-            first, found = int(fits.argmax()), np.zeros(len(given))
+            first, found = int(fits.argmax()), at_limit.copy()
             found[sets[first]] = thrust[first]
             return found
     return given

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from highspy import HighsModelStatus
 from judge.motion import Case, exact_step
+from judge.thrusters import Thrusters
 from judged import document, judged
 from scipy.optimize import Bounds, LinearConstraint, milp
 from thrusting import AXES, EIGHT, FIVE, MODELS, TWELVE, drawn, least, with_thrust
@@ -240,6 +241,27 @@ def test_a_thrust_below_the_bit_is_shared_with_others_if_limits_allow(limit):
     assert found[facet] == pytest.approx([0.5 - shift, 0.05 + shift, 0.44 - shift, shift])
     assert found.sum() == pytest.approx(0.99)
     assert (0.1 <= shift <= 0.34) if limit == np.inf else (0.17 <= shift <= 0.28 + 1e-6)
+
+
+@pytest.mark.parametrize("model", [EIGHT, TWELVE, (*AXES, *EIGHT)], ids=["8", "12", "14"])
+@pytest.mark.parametrize("limit", [1.0, 2.0, np.inf])
+def test_thrusts_are_of_the_least_sum_within_limits_and_large_where_the_judge_finds_some(
+    model, limit
+):
+    """Of random controls, each of a craft and by up to six thrusts of at most 1."""
+    draws = np.random.default_rng(len(model))
+    fired = draws.uniform(0.05, 1.0, (40, len(model))) * (draws.random((40, len(model))) < 0.4)
+    burns = (fired @ np.array(model))[:, None]
+    bit, each, may = 0.2, np.full(40, limit), np.ones(burns.shape, dtype=bool)
+    problem = Problem(time_step=1.0, thrust=Thrust(model, min_delta_v=bit))
+    found = allocated_thrusts(burns, Limits(each, np.inf * each, np.inf * each, may), problem)[:, 0]
+    judge = Thrusters(np.array(model), each, each, each, may[..., 0], bit, False)
+    assert np.allclose(found @ np.array(model), burns[:, 0], rtol=0, atol=1e-9)
+    assert found.sum(axis=1) == pytest.approx(judge.firings(burns).sum(axis=(1, 2)), rel=1e-5)
+    assert found.max() <= limit * (1 + 2e-6)
+    small = ((found > 1e-6) & (found < bit * (1 - 1e-6))).any(axis=1)
+    assert (small == judge.smaller(burns, bit)[:, 0]).all()
+    assert 0 < small.sum() < 40
 
 
 @pytest.mark.parametrize("index, bit", [(10, 0.05), (28, 0.05), (8, 0.1), (24, 0.1), (7, 0.2)])

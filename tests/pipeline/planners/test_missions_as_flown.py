@@ -293,6 +293,18 @@ def test_the_bound_in_corridors_is_that_of_a_linear_program_about_the_flight():
     assert plan.certificate.fuel_lower_bound == pytest.approx(least, rel=2e-3)
 
 
+def test_where_times_of_waypoints_are_open_the_bound_of_a_flight_leaves_corridors_out():
+    """Also of the craft without waypoints, as the bound of the linear model over all times is."""
+    asked = replace(approach(0.01), waypoints=(Waypoint(0, (0.0, -200.0, 0.0)),))
+    (plan,) = AsFlown(expert()).plan([asked])
+    assert plan.status == SOLVED, plan.message
+    (bare,) = expert().plan([replace(asked, corridors=())])
+    found, without = plan.certificate, bare.certificate.fuel_lower_bound
+    assert found.fuel_lower_bound == pytest.approx(without, rel=1e-2)
+    assert found.fuel_lower_bound < 0.95 * found.fuel
+    assert "program, corridors left out, about the flight" in found.fuel_lower_bound_proof
+
+
 def test_where_the_linear_plan_leaves_its_corridor_in_flight_it_is_planned_again():
     """Sails, which drag moves by metres, of which linear motion knows nothing."""
     asked = approach(0.01, 10.0, **SAILS)
