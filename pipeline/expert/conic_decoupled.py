@@ -95,7 +95,7 @@ def _duals(program: ConicProgram, z: Values, at: StateConstraints) -> Duals:
     y *= sub.goal_scale * sub.unit
     value, along = np.vecdot(at.miss, y), (y @ at.reach).reshape(len(y), -1, 3)
     if len(sub.required):
-        dual = program.half_space_duals(z)
+        dual = np.maximum(program.half_space_duals(z), 0.0)
         value += sub.required @ dual
         along += (dual @ sub.row).reshape(-1, 3)
     return Duals(value, along, program.splits(z))

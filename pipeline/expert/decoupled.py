@@ -241,11 +241,9 @@ def _bound_of_one(
     faces: Faces,
 ) -> tuple[float, bool]:
     """As ``corridor_bounds``, for a single craft."""
-    found: Controls | None = controls
     bound, known = 0.0, []
     for _ in range(CORRIDOR_ROUNDS):
-        assert found is not None
-        outside = _outside(initial, found, problem, faces)
+        outside = _outside(initial, controls, problem, faces)
         if len(outside) == 0:
             break
         known.append(_inside(outside, faces, initial, problem))
@@ -256,6 +254,7 @@ def _bound_of_one(
         before, bound = bound, max(bound, float(dual_bounds(duals, limits, problem)[0]))
         if 0 < bound <= before * (1 + CONVERGED):
             break
+        controls = found
     return bound, False
 
 
