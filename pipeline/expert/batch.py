@@ -145,18 +145,18 @@ class Batch:
         collision radius at one of its ends, where no control can move it.
         """
         close = _end_collisions(self.initial, self.goal, self.problem, self.swarms)
-        impossible = self.swarms.split(self.optima.impossible)
         reasons = []
-        each = zip(self.scenarios, self.swarms.starts, impossible, close, strict=True)
-        for scenario, start, craft, collisions in each:
+        for scenario, craft, collisions in zip(self.scenarios, self.craft, close, strict=True):
             reason = _state_conflict(scenario, int(collisions))
-            if craft.any():
-                k = int(craft.argmax())
+            impossible = self.optima.impossible[craft]
+            alone = impossible & ~self.optima.feasible[craft]  # without corridors, too
+            if alone.any() or (impossible.any() and not reason):
+                k = int((alone if alone.any() else impossible).argmax())
                 way = " by its waypoints" if scenario.waypoints else ""
-                inside = " inside its corridors" if self.optima.feasible[start + k] else ""
+                inside = "" if alone[k] else " inside its corridors"
                 given = f"{way}{inside} {allowed_thrust(scenario)}"
                 reason = f"craft {k} cannot reach its goal{given}, which is proven"
-                reason += self._drift_miss(int(start) + k)
+                reason += self._drift_miss(craft.start + k)
             reasons.append(reason)
         return reasons
 

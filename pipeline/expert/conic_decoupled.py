@@ -8,7 +8,7 @@ from pipeline.arrays import Array, Bool, Float
 from pipeline.expert.conic import IMPOSSIBLE, OPTIMAL, ConicProgram
 from pipeline.expert.cuts import HalfSpaces
 from pipeline.expert.subproblem import Subproblem
-from pipeline.orbit.arrays import Controls, PerCraft, Rows, Values
+from pipeline.orbit.arrays import Controls, PerCraft, Rows, Values, norm
 from pipeline.orbit.decoupled import SHORT
 from pipeline.orbit.problem import LIMIT_ROUNDING, RANGES, Problem
 from pipeline.orbit.thrust import COMPONENTS, Limits, Thrust
@@ -25,6 +25,8 @@ from pipeline.scenario.state_constraints import NO_EFFECT, StateConstraints
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs may use, so that rounding stays within
 BURN = 1e-5  # share of a craft's largest control below which a cone program's control is rounding
 NOISE = 1e-3  # least value of a craft's largest control there, as a share of all craft's largest
+CANCELLED = 1e-7  # share of the largest dual variable, by effect, below which one counts as zero
+CANCELLATIONS = 3  # of rows, at most
 MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 
@@ -82,23 +84,47 @@ def minimum_fuel_by_cones(
     """
     program = decoupled_program(at, limits, problem, inside)
     status, x, z = program.solution(*OPTIMAL, IMPOSSIBLE)
-    dual = _duals(program, z, at)
+    dual = _duals(program, z, at, infeasible=status not in OPTIMAL)
     if status not in OPTIMAL:
         return None, dual
     return program.controls_of(x).reshape(len(at), -1, 3), dual
 
 
-def _duals(program: ConicProgram, z: Values, at: StateConstraints) -> Duals:
+def _duals(program: ConicProgram, z: Values, at: StateConstraints, *, infeasible: bool) -> Duals:
     """What the dual variables z of a program prove."""
     sub, y = program.sub, np.zeros(at.miss.shape)
     y[at.constrained] = -z[: at.constrained.sum()]
     y *= sub.goal_scale * sub.unit
-    value, along = np.vecdot(at.miss, y), (y @ at.reach).reshape(len(y), -1, 3)
-    if len(sub.required):
-        dual = np.maximum(program.half_space_duals(z), 0.0)
-        value += sub.required @ dual
-        along += (dual @ sub.row).reshape(-1, 3)
-    return Duals(value, along, program.splits(z))
+    if len(sub.required) == 0:
+        along = (y @ at.reach).reshape(len(y), -1, 3)
+        return Duals(np.vecdot(at.miss, y), along, program.splits(z))
+    limits = program.limits
+    rows = np.concatenate([at.reach, sub.row]) * limits.burns[0].ravel()
+    y = np.append(y[0], np.maximum(program.half_space_duals(z), 0.0))
+    if infeasible and not np.isfinite([limits.component, limits.norm]).any():
+        y = _without_effect(y, rows, len(at.reach))
+    value, along = y @ np.append(at.miss[0], sub.required), (y @ rows).reshape(1, -1, 3)
+    return Duals(np.array([value]), along, program.splits(z))
+
+
+def _without_effect(
+    y: Float[Array, "r"], rows: Float[Array, "r m"], equalities: int
+) -> Float[Array, "r"]:
+    """Dual variables changed least so that rows cancel out; those next to zero are left out.
+
+    Where thrust has no limit, only such prove that a program is infeasible.
+    """
+    size = norm(rows)
+    scaled = y * size
+    used = scaled > CANCELLED * np.abs(scaled).max()
+    used[:equalities] = size[:equalities] > 0
+    for _ in range(CANCELLATIONS):  # each without those that the last made negative
+        unit, found = rows[used] / size[used, None], np.where(size == 0, y, 0.0)
+        rest = np.linalg.pinv(unit.T) @ (unit.T @ scaled[used])
+        found[used] = (scaled[used] - rest) / size[used]
+        used[equalities:] &= found[equalities:] > 0
+    found[equalities:] = np.maximum(found[equalities:], 0.0)
+    return found
 
 
 def dual_bounds(duals: Duals, limits: Limits, problem: Problem) -> PerCraft:
@@ -118,13 +144,16 @@ def dual_bounds(duals: Duals, limits: Limits, problem: Problem) -> PerCraft:
 def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, problem: Problem) -> bool:
     """Whether it is proven that no controls of one craft bring it where it must be.
 
-    By the support function of the controls along y (Farkas' lemma), or, with the largest limit
-    that a problem may have, along directions in which controls have almost no effect.
+    By the support function of the controls along y (Farkas' lemma), or along directions in which
+    controls have almost no effect; where there is no limit, with the largest that a problem may
+    have.
     """
+    highest = RANGES["max_acceleration"][1]
+    bounded = replace(limits, component=np.minimum(limits.component, highest))
     largest = np.abs(duals.value).max()  # infeasible programs end with any size of dual variables
     if 0 < largest < np.inf:
         along, split = duals.along / largest, duals.split / largest
-        most = support_bound(along, split, limits, problem.thrust)[0]
+        most = support_bound(along, split, bounded, problem.thrust)[0]
         if duals.value[0] / largest > most * (1 + LIMIT_ROUNDING):
             return True
     rows, columns = at.constrained[0], limits.burns[0].ravel()
@@ -132,7 +161,7 @@ def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, proble
     directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
     changes, effects = np.abs(directions @ miss), np.abs(directions @ reach)
     effects[effects < NO_EFFECT * effects.max(initial=0.0)] = 0.0
-    furthest = RANGES["max_acceleration"][1] * effects.sum(axis=1)
+    furthest = highest * effects.sum(axis=1)
     return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
 
 

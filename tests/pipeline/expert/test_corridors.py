@@ -14,6 +14,7 @@ from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
+from pipeline.orbit.thrust import Thrust
 from pipeline.orbit.transfer import track
 from pipeline.plan.document import plan_document, read_plan, write_plan
 from pipeline.plan.plan import Plan
@@ -197,6 +198,30 @@ def test_a_corridor_that_cannot_be_kept_within_the_limit_of_thrust_is_proven_inf
     if not possible.all():
         reason = "craft 0 cannot reach its goal inside its corridors within max_acceleration, which"
         assert plan.message.startswith(reason)
+
+
+def test_a_corridor_that_no_thrust_keeps_is_proven_infeasible():
+    """A burn in which the craft turns back within the box leads out of it before; by HiGHS."""
+    begin, goal = np.array([[0.0, 0, 0, 0.2, 0, 0]]), np.array([[0.0, 40, 0, 0, 0, 0]])
+    for edge, status in ((2.0, "infeasible"), (60.0, "solved")):
+        box = Corridor(Box((-60.0, -60.0, -60.0), (edge, 60.0, 60.0)), 0.0, 1200.0)
+        asked = Scenario(Problem(), begin, goal, ends="any", corridors=(box,))
+        document = document_of(asked)
+        least = least_fuel_inside(document, Case.of(document, 1), begin, goal)
+        plan = planned(asked)
+        assert np.isinf(least).all() == (status == "infeasible")
+        assert plan.status == status
+        if status == "infeasible":
+            assert "inside its corridors with any thrust, however large" in plan.message
+
+
+def test_windows_without_burns_in_which_a_craft_drifts_out_of_its_corridor_leave_no_plan():
+    still = replace(approach(1, corridors=(BOX,)), problem=Problem(thrust=Thrust("norm")))
+    begin = still.initial + np.array([0.0, 0, 0, 0.05, 0, 0])  # 30 m in ten minutes
+    for window, status in (((0.0, 700.0), "infeasible"), ((0.0, 240.0), "solved")):
+        problem = Problem(thrust=Thrust("norm", no_burn=(window,)))
+        plan = planned(replace(still, problem=problem, initial=begin, ends="any"))
+        assert plan.status == status, plan.message
 
 
 def test_less_delta_v_than_a_corridor_takes_is_proven_infeasible():
