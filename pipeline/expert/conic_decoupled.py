@@ -94,7 +94,7 @@ def _duals(program: ConicProgram, z: Values, at: StateConstraints, *, infeasible
     """What the dual variables z of a program prove."""
     sub, y = program.sub, np.zeros(at.miss.shape)
     y[at.constrained] = -z[: at.constrained.sum()]
-    y *= sub.goal_scale * sub.unit
+    y = y * sub.goal_scale * sub.unit
     if len(sub.required) == 0:
         along = (y @ at.reach).reshape(len(y), -1, 3)
         return Duals(np.vecdot(at.miss, y), along, program.splits(z))
