@@ -32,9 +32,10 @@ MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 @dataclass(frozen=True, eq=False)
 class Duals(Rows):
-    """What dual variables y of the rows of n craft's programs prove; any values do.
+    """Dual certificates of the programs of n craft, from dual variables y of their rows.
 
-    Of rows of goals and waypoints, reach u = miss, and of half-spaces, reach u ≥ miss, y ≥ 0.
+    Any y proves a bound that is free for goals and waypoints, reach u = miss, and at least 0 for
+    half-spaces, reach u ≥ miss.
     """
 
     value: PerCraft  # y · miss, m/s²
@@ -48,7 +49,7 @@ def decoupled_program(
 ) -> ConicProgram:
     """The cone program of decoupled craft; it minimizes total fuel, whatever the objective.
 
-    With half-spaces ``inside`` of which its controls are, of a single craft.
+    ``inside`` has half-spaces that the controls of a single craft must be in.
     """
     if inside is None:
         inside = HalfSpaces(np.zeros((0, at.reach.shape[1])), np.zeros(0))
@@ -78,7 +79,7 @@ def program_limits(limits: Limits, *, budget: bool = True) -> Limits:
 def minimum_fuel_by_cones(
     at: StateConstraints, limits: Limits, problem: Problem, inside: HalfSpaces | None = None
 ) -> tuple[Controls | None, Duals]:
-    """Minimum-fuel controls of all craft by one cone program, or None, and what its duals prove.
+    """Minimum-fuel controls of all craft by one cone program, or None, and dual certificates.
 
     Within half-spaces as in ``decoupled_program``.
     """
@@ -91,7 +92,7 @@ def minimum_fuel_by_cones(
 
 
 def _duals(program: ConicProgram, z: Values, at: StateConstraints, *, infeasible: bool) -> Duals:
-    """What the dual variables z of a program prove."""
+    """The certificates that the dual variables z of a program give."""
     sub, y = program.sub, np.zeros(at.miss.shape)
     y[at.constrained] = -z[: at.constrained.sum()]
     y = y * sub.goal_scale * sub.unit
