@@ -1,7 +1,7 @@
 """The table of plans: planner, fuel, optimality gap and closest pair of each."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import degrees, isfinite
+from math import degrees, inf
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ def plan_cells(row: Row) -> list[str]:
         f"{planner} ({row['status']})" if is_unsolved(row) else planner,
         number(row["fuel"]),
         number(row["delta_v"]),
-        MISSING if gap is None or not isfinite(gap) else f"{gap:z.2%}",
+        MISSING if gap is None or not 0 <= gap < inf else f"{gap:z.2%}",
         *closest_cells(row),
         number(1e3 * row["seconds"]),
     ]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from math import inf, isfinite
+from math import inf
 from operator import truediv
 from typing import Any, get_args
 
@@ -105,7 +105,7 @@ class Plan:
     def __repr__(self) -> str:
         """Planner, status, cost and closest approach; without the arrays."""
         found = self.certificate
-        gap = f", gap {self.optimality_gap:z.2%}" if isfinite(self.optimality_gap) else ""
+        gap = f", gap {self.optimality_gap:z.2%}" if 0 <= self.optimality_gap < inf else ""
         said = [f"{self.scenario.n} craft by {self.planner}, {self.status}"]
         said.append(f"Δv {found.delta_v:.4g} m/s{gap}")
         if found.min_separation_pair is not None:

@@ -77,6 +77,8 @@ def certificate_rows(plan: Plan, status: str) -> TableRows:
         gap = MISSING
     elif not math.isfinite(found.optimality_gap):
         gap = "unknown: the bound is no more than rounding"
+    elif found.optimality_gap < 0:
+        gap = "none: all plans that are as required burn more"
     yield "It holds for", _motion(plan)
     yield fuel, f"{found.fuel:.6g} m/s²"
     yield "Δv of all craft, fuel times time step", f"{found.delta_v:.6g} m/s"

@@ -9,6 +9,7 @@ from judge.fuel import least_fuel_inside
 from scipy.optimize import linprog
 
 import prolearn
+from cli.plan_table import MISSING, plan_cells
 from pipeline.errors import InputError
 from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
 from pipeline.orbit.participants import Obstacle
@@ -17,7 +18,7 @@ from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
 from pipeline.orbit.transfer import track
 from pipeline.plan.document import plan_document, read_plan, write_plan
-from pipeline.plan.plan import Plan
+from pipeline.plan.plan import Plan, summary
 from pipeline.plan.recheck import recheck
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements, RiskLimit
 from pipeline.planners.named import named_planner
@@ -26,6 +27,7 @@ from pipeline.scenario.document import document_of
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
 from pipeline.show import page
+from pipeline.show.tables import certificate_rows
 
 BOX = Corridor(Box((-30.0, -400.0, -20.0), (30.0, 0.0, 20.0)), 0.0, 1200.0)
 CONE = Corridor(Cone((0.0, 0.0, 0.0), (0.0, -1.0, 0.0), 10.0), 600.0, 1200.0, (0,))
@@ -222,6 +224,20 @@ def test_windows_without_burns_in_which_a_craft_drifts_out_of_its_corridor_leave
         problem = Problem(thrust=Thrust("norm", no_burn=(window,)))
         plan = planned(replace(still, problem=problem, initial=begin, ends="any"))
         assert plan.status == status, plan.message
+
+
+def test_plans_that_leave_a_corridor_may_burn_less_than_the_bound_and_claim_it_rightly():
+    plan = planned(approach(1, corridors=(BOX,)), name="decoupled-optimum")
+    found, safe = plan.certificate, planned(approach(1, corridors=(BOX,))).certificate
+    assert plan.status == "unsafe"
+    assert found.fuel < found.fuel_lower_bound == safe.fuel_lower_bound
+    assert not any("fuel_lower_bound" in one for one in recheck(plan).faults)
+    assert "gap" not in repr(plan)
+    assert dict(certificate_rows(plan, plan.status))["Gap to that bound"].startswith("none: all")
+    assert plan_cells(summary(plan))[3] == MISSING
+    claim = replace(safe, fuel_lower_bound=1.01 * safe.fuel)
+    forged = replace(planned(approach(1, corridors=(BOX,))), certificate=claim)
+    assert any("fuel_lower_bound" in one for one in recheck(forged).faults)
 
 
 def test_less_delta_v_than_a_corridor_takes_is_proven_infeasible():
