@@ -9,10 +9,10 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
+    CraftInCorridors,
     DecoupledOptima,
     cheapest_constraints,
     control_units,
-    corridor_bounds,
     decoupled_optima,
     goal_miss,
 )
@@ -83,8 +83,9 @@ class Batch:
         at = self.constraints
         if at is None:
             at = state_constraints(self.initial, self.goal, self.problem, {})
-        alone = self.initial, optima.controls, at, limits, self.problem
-        return optima.at_least(*corridor_bounds(*alone, faces[fixed[faces.craft]]))
+        its = faces[fixed[faces.craft]]
+        craft = CraftInCorridors(self.initial, at, limits, its, self.problem)
+        return optima.at_least(*craft.bounds(optima.controls))
 
     @cached_property
     def weight(self) -> Float[Array, "n"] | None:

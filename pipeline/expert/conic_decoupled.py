@@ -57,7 +57,7 @@ def decoupled_program(
     largest = np.abs(np.matvec(transfer_maps(problem).to_goal, at.miss[:, :6])).max()
     sub = Subproblem(
         *(at.reach, at.miss, craft, craft, inside.row, inside.required, np.inf, np.inf),
-        other=0 * inside.row,
+        other=inside.other,
         constrained=at.constrained,
         unit=float(largest if largest > problem.negligible_fuel else problem.evasive_control),
         thrust=replace(problem.thrust, objective="total"),

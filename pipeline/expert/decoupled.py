@@ -14,7 +14,7 @@ from pipeline.expert.conic_decoupled import (
     polished,
     proven_infeasible,
 )
-from pipeline.expert.cuts import Cuts, HalfSpaces, SecondCraft, half_spaces
+from pipeline.expert.cuts import BEYOND, HalfSpaces, corridor_cuts, half_spaces
 from pipeline.expert.solvers import by_simplex
 from pipeline.expert.subproblem import Basis, Subproblem, UnsolvableError
 from pipeline.orbit.arrays import Controls, CraftMask, Formation, PerCraft, Rows
@@ -204,79 +204,68 @@ def limited_optima(
     )
 
 
-def corridor_bounds(
-    initial: Formation,
-    controls: Controls,
-    at: StateConstraints,
-    limits: Limits,
-    problem: Problem,
-    faces: Faces,
-) -> tuple[PerCraft, CraftMask]:
-    """Lower bound on the fuel of each craft in corridors, and which provably cannot stay inside.
+@dataclass(frozen=True, eq=False)
+class CraftInCorridors:
+    """Craft, what they must do, and the faces of corridors that they must stay inside of.
 
-    At any one time each face of a corridor is a half-space of the controls. So a craft has a convex
-    program of its own, with the faces and times at which the last program's controls lead farthest
-    outside, and by weak duality each of these programs proves a bound.
-
-    The controls are those of decoupled optima. The bound, m/s², is 0 for craft that stay inside by
-    these, or of which nothing is proven.
+    At any one time each face is a half-space of a craft's controls. So a craft has a convex program
+    of its own, with the faces and times at which the last program's controls lead farthest outside,
+    and by weak duality each of these programs proves a bound.
     """
-    bound, impossible = np.zeros(len(initial)), np.zeros(len(initial), dtype=bool)
-    outside = _outside(initial, controls, problem, faces)
-    for k in np.unique(faces.craft[outside.face]).tolist():
-        one, its = slice(k, k + 1), faces[faces.craft == k]
-        its = replace(its, craft=np.zeros_like(its.craft))
-        alone = initial[one], controls[one], at[one], limits[one], problem, its
-        bound[k], impossible[k] = _bound_of_one(*alone)
-    dear = bound * problem.time_step > limits.delta_v * (1 + LIMIT_ROUNDING)
-    return bound, impossible | dear
 
+    initial: Formation  # m and m/s
+    at: StateConstraints
+    limits: Limits
+    faces: Faces
+    problem: Problem
 
-def _bound_of_one(
-    initial: Formation,
-    controls: Controls,
-    at: StateConstraints,
-    limits: Limits,
-    problem: Problem,
-    faces: Faces,
-) -> tuple[float, bool]:
-    """As ``corridor_bounds``, for a single craft."""
-    bound, known = 0.0, []
-    for _ in range(CORRIDOR_ROUNDS):
-        outside = _outside(initial, controls, problem, faces)
-        if len(outside) == 0:
-            break
-        known.append(_inside(outside, faces, initial, problem))
-        inside = HalfSpaces.concatenated(known)
-        found, duals = minimum_fuel_by_cones(at, limits, problem, inside)
-        if found is None:
-            return bound, proven_infeasible(duals, at, limits, problem)
-        before, bound = bound, max(bound, float(dual_bounds(duals, limits, problem)[0]))
-        if 0 < bound <= before * (1 + CONVERGED):
-            break
-        controls = found
-    return bound, False
+    def bounds(self, controls: Controls) -> tuple[PerCraft, CraftMask]:
+        """Lower bound on the fuel of each craft, m/s², and which provably cannot stay inside.
 
+        The controls are those of decoupled optima. The bound is 0 for craft that stay inside by
+        these, or of which nothing is proven.
+        """
+        bound, impossible = np.zeros(len(self.initial)), np.zeros(len(self.initial), dtype=bool)
+        for k in np.unique(self.faces.craft[self._outside(controls).face]).tolist():
+            one, its = slice(k, k + 1), self.faces[self.faces.craft == k]
+            its = replace(its, craft=np.zeros_like(its.craft))
+            alone = replace(
+                self, initial=self.initial[one], at=self.at[one], limits=self.limits[one], faces=its
+            )
+            bound[k], impossible[k] = alone._bound_of_one(controls[one])
+        dear = bound * self.problem.time_step > self.limits.delta_v * (1 + LIMIT_ROUNDING)
+        return bound, impossible | dear
 
-def _outside(initial: Formation, controls: Controls, problem: Problem, faces: Faces) -> Margins:
-    """Where controls lead craft farthest outside of each face in each interval."""
-    found = margins(fly(initial, controls, problem), controls, problem, faces)
-    return found[found.margin < -OUTSIDE]
+    def _bound_of_one(self, controls: Controls) -> tuple[float, bool]:
+        """As ``bounds``, of a single craft."""
+        bound, known = 0.0, []
+        for _ in range(CORRIDOR_ROUNDS):
+            outside = self._outside(controls)
+            if len(outside) == 0:
+                break
+            known.append(self._half_spaces(outside))
+            inside = HalfSpaces.concatenated(known)
+            found, duals = minimum_fuel_by_cones(self.at, self.limits, self.problem, inside)
+            if found is None:
+                return bound, proven_infeasible(duals, self.at, self.limits, self.problem)
+            proven = float(dual_bounds(duals, self.limits, self.problem)[0])
+            before, bound = bound, max(bound, proven)
+            if 0 < bound <= before * (1 + CONVERGED):
+                break
+            controls = found
+        return bound, False
 
+    def _outside(self, controls: Controls) -> Margins:
+        """Where controls lead craft farthest outside of each face in each interval."""
+        states = fly(self.initial, controls, self.problem)
+        found = margins(states, controls, self.problem, self.faces)
+        return found[found.margin < -OUTSIDE]
 
-def _inside(outside: Margins, faces: Faces, initial: Formation, problem: Problem) -> HalfSpaces:
-    """Half-spaces of the controls of a single craft that lead inside faces at these times."""
-    craft, still = np.zeros((2, len(outside)), dtype=int)
-    nowhere = SecondCraft(
-        still,
-        np.zeros_like(outside.state_map),
-        np.zeros_like(outside.control_map),
-        np.zeros((len(outside), 3)),
-    )
-    maps = outside.state_map, outside.control_map
-    cuts = Cuts(craft, craft, outside.interval, *maps, other=nowhere)
-    normal, offset = faces.normal[outside.face], faces.offset[outside.face]
-    return half_spaces(cuts, -normal, initial, problem, -offset)
+    def _half_spaces(self, outside: Margins) -> HalfSpaces:
+        """Half-spaces of the controls that lead inside of faces at these times."""
+        cuts = corridor_cuts(outside, self.faces, self.problem.collision_radius)
+        normal = self.faces.normal[outside.face]
+        return half_spaces(cuts, normal, self.initial, self.problem, BEYOND)
 
 
 def cheapest_constraints(

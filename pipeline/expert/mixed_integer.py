@@ -74,7 +74,7 @@ class _IntegerProgram(ConicProgram):
         return self.variables + thrusts, np.ones(len(thrusts)), len(thrusts) - 1.0
 
     def wasteful_pairs(self) -> list[BoundedRow]:
-        """Rows by which no two thrusters fire together whose sum others give at less cost."""
+        """Rows that exclude pairs of thrusters whose joint effect others give at less cost."""
         V, pairs = len(self.price), np.array(list(combinations(range(len(self.price)), 2)))
         together = cost(self.effect.T[pairs].sum(axis=1), self.sub.thrust)
         pairs = pairs[together < 2 * (1 - LIMIT_ROUNDING)]

@@ -310,7 +310,7 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
 
 
 def _linear_bound(linear: Plan) -> tuple[float, str]:
-    """Lower bound on the fuel of a linear plan with corridors left out, m/s², and its proof."""
+    """Lower bound on the fuel of a linear plan without its corridors, m/s², and its proof."""
     if linear.assignment is None and linear.scenario.corridors:
         return Batch([replace(linear.scenario, corridors=())]).bound(0)
     return linear.certificate.fuel_lower_bound, linear.certificate.fuel_lower_bound_proof

@@ -294,7 +294,7 @@ def test_the_bound_in_corridors_is_that_of_a_linear_program_about_the_flight():
 
 
 def test_where_times_of_waypoints_are_open_the_bound_of_a_flight_leaves_corridors_out():
-    """Also of the craft without waypoints, as the bound of the linear model over all times is."""
+    """It changes the bound of the linear model over all times, which leaves out all corridors."""
     asked = replace(approach(0.01), waypoints=(Waypoint(0, (0.0, -200.0, 0.0)),))
     (plan,) = AsFlown(expert()).plan([asked])
     assert plan.status == SOLVED, plan.message

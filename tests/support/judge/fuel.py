@@ -67,7 +67,7 @@ def _least_fuel(problem: Case, initial: np.ndarray, goal: np.ndarray) -> Bound:
 def least_fuel_inside(
     document: Mapping[str, Any], problem: Case, initial: np.ndarray, goal: np.ndarray
 ) -> np.ndarray:
-    """Least fuel of each craft that is inside of its corridors at PARTS times in a time step, m/s².
+    """Least fuel of each craft, m/s², inside of its corridors at PARTS times in each time step.
 
     By HiGHS, for thrusters along the axes; in the pyramid that is inscribed in a cone of which 98 %
     is enough, so that any pyramid of 16 sides in the cone has this one inside.

@@ -107,7 +107,7 @@ class Thrusters:
             yield f"craft {k} burns less than {self.bit:g} m/s"
 
     def smaller(self, controls: np.ndarray, thrust: float) -> np.ndarray:
-        """Whether an interval needs a burn of less than a thrust at the least sum, (n, T-1)."""
+        """Whether each control needs a thrust below a given one at the least sum, (n, T-1)."""
         fired = self.firings(controls)
         burns = fired > (0 if isinstance(self.model, str) else SHARE) * fired.max(2, keepdims=True)
         found = np.asarray((burns & (fired < thrust * (1 - SHARE))).any(axis=2))
@@ -174,7 +174,7 @@ def _program(
 
 
 def _fires_within(wanted: np.ndarray, model: np.ndarray, least: float, most: float) -> bool:
-    """Whether thrusts of the least sum that give a vector can all be zero or within a range.
+    """Whether a vector is given by thrusts of the least sum that are zero or within a range.
 
     Tries all sets of the thrusters which by the least sum's dual variables may fire.
     """
