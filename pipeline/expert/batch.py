@@ -62,7 +62,9 @@ class Batch:
                 for one in scenario.waypoints
             ]
             ends = self.initial, self.goal, self.problem
-            self.constraints, self.open_bound = cheapest_constraints(*ends, self.limits, waypoints)
+            self.constraints, self.open_bound = cheapest_constraints(
+                *ends, self.limits, waypoints, self.swarms.faces
+            )
 
     @cached_property
     def optima(self) -> DecoupledOptima:
@@ -71,12 +73,13 @@ class Batch:
         optima = decoupled_optima(*ends, self.limits, self.constraints)
         if self.swarms.faces is not None:
             optima = self.inside(self.swarms.faces, optima)
-        return replace(optima, lower_bound=np.minimum(optima.lower_bound, self.open_bound))
+        fixed = np.isinf(self.open_bound)
+        return replace(optima, lower_bound=np.where(fixed, optima.lower_bound, self.open_bound))
 
     def inside(self, faces: Faces, optima: DecoupledOptima) -> DecoupledOptima:
         """Decoupled optima with bounds and proofs for craft inside faces of corridors.
 
-        Not of craft with waypoints at open times, as they are for one choice of these.
+        Not of craft with waypoints at open times, whose bound is that of all choices.
         """
         fixed = optima.feasible & np.isinf(self.open_bound)
         limits = self.limits or limits_of((), len(self.miss), self.problem)
@@ -119,11 +122,7 @@ class Batch:
     def bound(self, k: int) -> tuple[float, str]:
         """Lower bound on the fuel of a scenario, m/s², and how it is proven."""
         bound, proof = self.optima.bound(self.craft[k])
-        scenario = self.scenarios[k]
-        left_out = ["obstacles"] if scenario.obstacles else []
-        if scenario.corridors and np.isfinite(self.open_bound[self.craft[k]]).any():
-            left_out.append("corridors")
-        return bound, f"{proof}, {' and '.join(left_out)} left out" if left_out else proof
+        return bound, f"{proof}, obstacles left out" if self.scenarios[k].obstacles else proof
 
     @property
     def unlike(self) -> bool:

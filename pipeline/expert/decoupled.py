@@ -37,6 +37,7 @@ from pipeline.scenario.waypoint import Waypoint, node_choices, of_craft
 LOOSE = 1e-7  # largest gap between a craft's fuel and its bound, as a share of its fuel
 OUTSIDE = 1e-4  # distance outside of a corridor from which a half-space is added, m
 CORRIDOR_ROUNDS = 20  # programs of a craft in corridors at most
+MOST_COUNTED = 100  # choices of a craft's open times of which corridors are counted
 CONVERGED = 1e-4  # largest gain of a bound, as a share, with which these end
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
@@ -227,14 +228,36 @@ class CraftInCorridors:
         """
         bound, impossible = np.zeros(len(self.initial)), np.zeros(len(self.initial), dtype=bool)
         for k in np.unique(self.faces.craft[self._outside(controls).face]).tolist():
-            one, its = slice(k, k + 1), self.faces[self.faces.craft == k]
-            its = replace(its, craft=np.zeros_like(its.craft))
-            alone = replace(
-                self, initial=self.initial[one], at=self.at[one], limits=self.limits[one], faces=its
-            )
-            bound[k], impossible[k] = alone._bound_of_one(controls[one])
+            alone = self._alone(k, self.faces[self.faces.craft == k])
+            bound[k], impossible[k] = alone._bound_of_one(controls[k : k + 1])
         dear = bound * self.problem.time_step > self.limits.delta_v * (1 + LIMIT_ROUNDING)
         return bound, impossible | dear
+
+    def least_of_choices(self, optima: DecoupledOptima) -> tuple[DecoupledOptima, CraftMask]:
+        """Optima of a craft's choices, one a row, and a mask of those whose bound counts corridors.
+
+        The bound of the cheapest choice is made to count them until the cheapest is one that does,
+        or MOST_COUNTED do. The least of all bounds holds for every choice.
+        """
+        n = len(self.at)
+        bound = np.zeros(n)
+        impossible, counted = np.zeros((2, n), dtype=bool)
+        for _ in range(MOST_COUNTED):
+            k = int(np.where(optima.impossible, np.inf, optima.lower_bound).argmin())
+            if counted[k] or optima.impossible[k]:
+                break
+            one = slice(k, k + 1)
+            found = self._alone(k, self.faces).bounds(optima.controls[one])
+            bound[one], impossible[one] = found
+            counted[k] = True
+            optima = optima.at_least(bound, impossible)
+        return optima, counted
+
+    def _alone(self, k: int, faces: Faces) -> "CraftInCorridors":
+        """One of the craft inside of faces."""
+        one, its = slice(k, k + 1), replace(faces, craft=np.zeros_like(faces.craft))
+        initial, at, limits = self.initial[one], self.at[one], self.limits[one]
+        return replace(self, initial=initial, at=at, limits=limits, faces=its)
 
     def _bound_of_one(self, controls: Controls) -> tuple[float, bool]:
         """As ``bounds``, of a single craft."""
@@ -274,10 +297,12 @@ def cheapest_constraints(
     problem: Problem,
     limits: Limits,
     waypoints: Sequence[Waypoint],
+    faces: Faces | None = None,
 ) -> tuple[StateConstraints, Float[Array, "n"]]:
     """Required states of each craft, and a lower bound on its fuel over all choices of open times.
 
-    The bound, m/s², is infinite where no time is open. All choices of a craft are tried.
+    The bound, m/s², is infinite where no time is open. All choices of a craft are tried; of those
+    that faces of corridors may make dearer, the least ones in turn.
     """
     passed, bound = {}, np.full(len(initial), np.inf)
     for craft, some in of_craft(waypoints).items():
@@ -287,11 +312,17 @@ def cheapest_constraints(
             many = [craft] * len(choices)
             ends = initial[many], goal[many], problem
             tried = {k: list(zip(nodes, some, strict=True)) for k, nodes in enumerate(choices)}
-            optima = decoupled_optima(*ends, limits[many], state_constraints(*ends, tried))
+            at = state_constraints(*ends, tried)
+            optima = decoupled_optima(*ends, limits[many], at)
+            counted = np.ones(len(choices), dtype=bool)
+            if faces is not None:
+                its = faces[faces.craft == craft]
+                choice = CraftInCorridors(initial[many], at, limits[many], its, problem)
+                optima, counted = choice.least_of_choices(optima)
             fuel = craft_fuel(optima.controls, problem.thrust, limits[many])
-            fuel = np.where(optima.feasible, fuel, np.inf)
+            fuel = np.where(optima.feasible, np.maximum(fuel, optima.lower_bound), np.inf)
             # Where none is feasible, one that is not proven impossible.
-            best = choices[int(np.lexsort((optima.impossible, fuel))[0])]
+            best = choices[int(np.lexsort((fuel, optima.impossible | ~counted))[0])]
             bound[craft] = np.where(optima.impossible, np.inf, optima.lower_bound).min()
         passed[craft] = list(zip(best, some, strict=True))
     return state_constraints(initial, goal, problem, passed), bound

@@ -226,14 +226,8 @@ def without_craft(scenario: Scenario, craft: int) -> Scenario:
         return scenario
     state, radius = tuple(scenario.initial[craft].tolist()), scenario.problem.collision_radius / 2
     adrift = Obstacle(f"craft {craft}, adrift", state, radius)
-    others = np.arange(scenario.n) != craft
-    return replace(
-        scenario,
-        initial=scenario.initial[others],
-        goal=scenario.goal[others],
-        craft=tuple(compress(scenario.craft, others)),
-        obstacles=(*scenario.obstacles, adrift),
-    )
+    others = scenario.only([k for k in range(scenario.n) if k != craft])
+    return replace(others, obstacles=(*scenario.obstacles, adrift))
 
 
 def _separations_to_ask(problem: Problem, apart: EachTrial) -> list[EachTrial]:

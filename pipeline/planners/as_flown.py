@@ -253,7 +253,7 @@ def _with_saving_in_flight(plan: Plan, asked: Scenario) -> Plan:
     if plan.assignment is None or not plan.as_flown:
         return plan
     # The bound for the given order changes by as much as that for the one that is flown
-    given, flown = (Batch([replace(one, corridors=())]) for one in (asked, plan.scenario))
+    given, flown = Batch([asked]), Batch([plan.scenario])
     change = plan.certificate.fuel_lower_bound - flown.bound(0)[0]
     bound = np.inf if given.optima.impossible.any() else given.bound(0)[0] + change
     return replace(plan, assignment=with_saving(plan.assignment, bound, plan))
@@ -293,27 +293,19 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
         off = float(np.abs(states[:, -1] - scenario.goal)[:, :3].max())
         raise ProlearnError(f"craft end up to {off:.3g} m off their goals") from error
     batch = Batch([shifted], constraints=timed_constraints(shifted))
-    chosen = linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints
-    if scenario.corridors and not chosen:
+    if scenario.corridors:
         flight = NonlinearFlight(scenario.initial, controls, scenario.problem)
         batch.optima = batch.inside(_faces_about(flight, scenario.corridors), batch.optima)
     bound, proof = batch.bound(0)
-    if chosen:  # the bound over all goals and times changes by as much as that for these
-        given = replace(free, problem=linear.scenario.problem, craft=linear.scenario.craft)
+    if linear.assignment is not None or scenario.waypoints != linear.scenario.waypoints:
+        # The bound over all goals and times changes by as much as that for these
+        given = replace(scenario, problem=linear.scenario.problem, craft=linear.scenario.craft)
         change = bound - Batch([given], constraints=timed_constraints(given)).bound(0)[0]
-        bound, proof = _linear_bound(linear)
-        bound += change
+        certificate = linear.certificate
+        bound, proof = certificate.fuel_lower_bound + change, certificate.fuel_lower_bound_proof
     least, timing = batch.least_share(0), {"plan": linear.timing.get("plan", 0.0)}
-    left_out = ", corridors left out" if scenario.corridors and chosen else ""
-    proof = f"{proof}{left_out}, about the flight, to first order"
+    proof = f"{proof}, about the flight, to first order"
     return Draft(controls, bound, proof, linear.convex_solves, timing, least)
-
-
-def _linear_bound(linear: Plan) -> tuple[float, str]:
-    """Lower bound on the fuel of a linear plan without its corridors, m/s², and its proof."""
-    if linear.assignment is None and linear.scenario.corridors:
-        return Batch([replace(linear.scenario, corridors=())]).bound(0)
-    return linear.certificate.fuel_lower_bound, linear.certificate.fuel_lower_bound_proof
 
 
 def _corrected_controls(

@@ -20,11 +20,10 @@ from pipeline.expert.decoupled import (
     PROGRAM,
     TABLE,
     control_limit,
-    decoupled_optima,
     goal_miss,
     minimum_fuel,
 )
-from pipeline.orbit.arrays import PerCraft
+from pipeline.orbit.arrays import CraftMask, PerCraft
 from pipeline.orbit.passive_safety import Ends, allowed_goals
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan
@@ -38,7 +37,7 @@ MOST_PLANNED = 16
 LARGE_GAP = 1e-2  # optimality gap beyond which further assignments are planned
 PROVEN = "whichever goals they take, {}, which is proven"
 # Proof of costs some of which need a linear program
-BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit"
+BOTH = f"{TABLE}, or {PROGRAM} where that breaks the thrust limit or leaves a corridor"
 ROUNDING = 1e-12  # share of a cost by which its bound may be off
 
 Slots = tuple[int, ...]  # of each craft, the goal that it takes
@@ -62,56 +61,68 @@ class DecoupledCosts:
 def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     """The costs of all craft and goals of a scenario.
 
-    ``minimum_fuel`` gives all at once. Where its optimum breaks the thrust limit, its fuel is still
-    a lower bound, and a linear program finds the exact cost, or that there is none: for the given
-    order, and for the best assignment by the costs so far, until all costs of the best one are
-    exact. So only few of the n² programs are solved.
+    All at once without corridors and, where ``minimum_fuel`` serves, without the thrust limit. A
+    program of its own gives the exact cost, or proves that there is none, of the pairs that this
+    leaves out: for the given order, and for the best assignment by the costs so far, until all
+    costs of the best one are exact. So only few of the n² programs are solved.
     """
-    n, problem = scenario.n, scenario.problem
-    initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
-    if scenario.limits is not None:
-        return DecoupledCosts(_limited_costs(scenario), PROGRAM)
-    found = minimum_fuel(goal_miss(initial, goal, problem), problem)
-    if found is None:
-        optima = decoupled_optima(initial, goal, problem)
-        bounds = np.where(optima.impossible, np.inf, optima.lower_bound)
-        return DecoupledCosts(bounds.reshape(n, n), PROGRAM)
-    within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
-    fuel, exact = found.bound.reshape(n, n), (found.exact & within).reshape(n, n)
-    proof, asked = TABLE if found.tabled else PROGRAM, tuple(range(n))
+    n = scenario.n
+    fuel, exact, proof = _costs_at_once(scenario)
+    exact &= ~_in_corridors(scenario)[:, None]
+    asked: Slots = tuple(range(n))
     while asked:
         craft = np.flatnonzero(~exact[range(n), asked])
         if len(craft):
             goals = np.array(asked)[craft]
-            optima = decoupled_optima(scenario.initial[craft], scenario.goal[goals], problem)
+            optima = Batch([scenario.taking(asked).only(craft.tolist())]).optima
             fuel[craft, goals] = np.where(optima.impossible, np.inf, optima.lower_bound)
-            exact[craft, goals], proof = True, BOTH if found.tabled else PROGRAM
+            exact[craft, goals], proof = True, PROGRAM if proof == PROGRAM else BOTH
         best = next(ranked(fuel), ())
         asked = () if exact[range(len(best)), best].all() else best
     return DecoupledCosts(fuel, proof)
 
 
-def _limited_costs(scenario: Scenario) -> Float[Array, "n n"]:
-    """Decoupled fuel of each craft and goal where craft have limits of their own, or waypoints."""
-    n, craft = scenario.n, np.arange(scenario.n)
-    fuel = np.zeros((n, n))
+def _costs_at_once(scenario: Scenario) -> tuple[Float[Array, "n n"], Bool[Array, "n n"], str]:
+    """Lower bounds on all costs, whether each is exact without corridors, and their proof."""
+    n, problem = scenario.n, scenario.problem
+    if scenario.limits is None:
+        initial, goal = np.repeat(scenario.initial, n, axis=0), np.tile(scenario.goal, (n, 1))
+        found = minimum_fuel(goal_miss(initial, goal, problem), problem)
+        if found is not None:
+            within = np.abs(found.controls).max(axis=(1, 2)) <= control_limit(problem)
+            exact = (found.exact & within).reshape(n, n)
+            return found.bound.reshape(n, n), exact, TABLE if found.tabled else PROGRAM
+    # Of one goal for each craft at a time, as craft have limits of their own, or waypoints.
+    craft, fuel = np.arange(n), np.zeros((n, n))
     for shift in range(n):
         slots = (craft + shift) % n
         free = replace(scenario.taking(slots.tolist()), corridors=())
         optima = Batch([free]).optima
         fuel[craft, slots] = np.where(optima.impossible, np.inf, optima.lower_bound)
-    return fuel
+    return fuel, np.ones((n, n), dtype=bool), PROGRAM
 
 
-def _inside_corridors(scenario: Scenario) -> Bool[Array, "n n"]:
-    """Whether each craft is inside its corridors at both ends if it takes each goal."""
+def _in_corridors(scenario: Scenario) -> CraftMask:
+    """Which craft must stay inside of a corridor."""
+    found = np.zeros(scenario.n, dtype=bool)
+    for corridor in scenario.corridors:
+        found[list(corridor.craft) or slice(None)] = True
+    return found
+
+
+def _unreachable(scenario: Scenario) -> str:
+    """Why, whichever goals they take, some craft cannot reach its own, in words."""
     craft = np.arange(scenario.n)
-    inside = np.ones((scenario.n, scenario.n), dtype=bool)
+    inside = np.zeros((scenario.n, scenario.n))  # infinite where a craft and its goal are not
     for shift in craft if scenario.corridors else ():
         slots = (craft + shift) % scenario.n
         for _, k, _, _ in scenario.taking(slots.tolist()).outside():
-            inside[k, slots[k]] = False
-    return inside
+            inside[k, slots[k]] = np.inf
+    if next(ranked(inside), None) is None:
+        return "some craft is outside of a corridor at an end"
+    way = " by its waypoints" if scenario.waypoints else ""
+    way += " inside its corridors" if scenario.corridors else ""
+    return f"some craft cannot reach its own{way} {allowed_thrust(scenario)}"
 
 
 def ranked(costs: Float[Array, "n n"]) -> Iterator[Slots]:
@@ -253,8 +264,7 @@ class _Candidates:
         # The assignment of least cost, or None where it is proven that none can be flown.
         self.cheapest = next(ranked(costs.fuel), None)
         # Costs, and the assignment of least, without goals that are proven to be of no use.
-        self.allowed = np.where(_inside_corridors(scenario), costs.fuel, np.inf)
-        self.forbidden = "some craft is outside of a corridor at an end"  # in the others
+        self.allowed, self.forbidden = costs.fuel, ""  # and why not in the others
         if impossible_for_any_goals(scenario):
             self.allowed = np.full_like(costs.fuel, np.inf)
             self.forbidden = "states that they must have are too close"
@@ -279,7 +289,8 @@ class _Candidates:
             adrift = "a craft adrift comes within collision_radius of another after the plan"
             if scenario.sized:
                 adrift = "a craft adrift comes too close to another or to an obstacle"
-            self.forbidden = f"{self.forbidden}, or {adrift}" if scenario.corridors else adrift
+            some = np.isinf(self.costs.fuel).any()
+            self.forbidden = f"{_unreachable(scenario)}, or {adrift}" if some else adrift
 
     def others(self) -> list[Slots]:
         """Assignments that may be better than the first: the next best, and the given order.
@@ -307,9 +318,7 @@ class _Candidates:
         solves = sum(plan.convex_solves for plan in tried.values())
         plan = replace(tried[slots], timing=timing, convex_solves=solves)
         if self.cheapest is None:
-            way = " by its waypoints" if self.scenario.waypoints else ""
-            given = f"{way} {allowed_thrust(self.scenario)}"
-            message = PROVEN.format(f"some craft cannot reach its own{given}")
+            message = PROVEN.format(_unreachable(self.scenario))
             return replace(plan, status=INFEASIBLE, message=message)
         if self.first is None:
             forbidden = PROVEN.format(self.forbidden)

@@ -189,6 +189,24 @@ class Scenario:
         """The scenario in which craft i takes the goal numbered ``slots[i]``."""
         return replace(self, goal=self.goal[list(slots)])
 
+    def only(self, some: Sequence[int]) -> "Scenario":
+        """The scenario of some of the craft, numbered in the order given."""
+        number = {k: new for new, k in enumerate(some)}
+        corridors = []
+        for corridor in self.corridors:
+            inside = tuple(number[k] for k in corridor.craft or range(self.n) if k in number)
+            corridors += [replace(corridor, craft=inside)] if inside else []
+        return replace(
+            self,
+            initial=self.initial[list(some)],
+            goal=self.goal[list(some)],
+            craft=[self.craft[k] for k in some] if self.craft else (),
+            waypoints=[
+                replace(w, craft=number[w.craft]) for w in self.waypoints if w.craft in number
+            ],
+            corridors=corridors,
+        )
+
 
 def _states(end: str, given: Any, mean_motion: float) -> Float[Array, "n 6"]:
     """Copy of the states at an end as a float array; InputError if malformed or out of range."""

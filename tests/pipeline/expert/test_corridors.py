@@ -11,6 +11,7 @@ from scipy.optimize import linprog
 import prolearn
 from cli.plan_table import MISSING, plan_cells
 from pipeline.errors import InputError
+from pipeline.expert.batch import Batch
 from pipeline.orbit.corridors import Box, Cone, Corridor, Faces, margins
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
@@ -251,20 +252,64 @@ def test_less_delta_v_than_a_corridor_takes_is_proven_infeasible():
         assert ("inside its corridors" in plan.message) == (status == "infeasible")
 
 
-def test_where_times_of_waypoints_are_open_corridors_prove_nothing():
-    """The bound is over all times, and other times leave the corridor for others."""
-    by = (Waypoint(0, (0.0, -250.0, 0.0)),)
-    asked = approach(1, corridors=(BOX,), waypoints=by)
+def least_by_open_times(asked: Scenario) -> np.ndarray:
+    """Least fuel of the first craft inside its corridors, m/s², by the node of its waypoint."""
+    found, (by,), problem = [], asked.waypoints, asked.problem
+    for node in range(1, problem.intervals):
+        timed = replace(asked, waypoints=(replace(by, time=node * problem.time_step),))
+        document = document_of(timed)
+        case = Case.of(document, asked.n)
+        found.append(least_fuel_inside(document, case, asked.initial, asked.goal)[0])
+    return np.array(found)
+
+
+def test_where_times_of_waypoints_are_open_the_bound_is_the_least_of_all_times():
+    """Times that are cheapest without the corridor are not with it."""
+    asked = approach(1, corridors=(BOX,), waypoints=(Waypoint(0, (-25.0, -60.0, -15.0)),))
     plan, bare = planned(asked), planned(replace(asked, corridors=()))
-    assert plan.status == "solved", plan.message
-    found = plan.certificate
-    assert found.fuel_lower_bound == bare.certificate.fuel_lower_bound
-    assert found.fuel_lower_bound_proof.endswith(", corridors left out")
-    timed = replace(by[0], time=found_time(plan))
-    certain = planned(replace(asked, waypoints=(timed,))).certificate
-    assert found.fuel_lower_bound < certain.fuel_lower_bound <= certain.fuel
-    assert certain.optimality_gap < 0.01
-    assert "left out" not in certain.fuel_lower_bound_proof
+    least, found = least_by_open_times(asked), plan.certificate
+    assert found.fuel_lower_bound == pytest.approx(least.min(), rel=1e-4)
+    assert plan.status == "solved" and found.optimality_gap < 0.01
+    assert "left out" not in found.fuel_lower_bound_proof
+    cheapest = round(found_time(bare) / asked.problem.time_step) - 1
+    assert least[cheapest] > 1.05 * least.min()
+
+
+def test_a_waypoint_by_no_time_inside_a_corridor_leaves_no_plan():
+    """At the wall, from which the craft comes back too late; without the corridor it does."""
+    low = replace(approach(1, corridors=(BOX,)), problem=Problem(max_acceleration=2e-3))
+    for place, status in ((-250.0, "solved"), (-395.0, "infeasible")):
+        asked = replace(low, waypoints=(Waypoint(0, (0.0, place, 0.0)),))
+        plan = planned(asked)
+        assert np.isfinite(least_by_open_times(asked)).any() == (status == "solved")
+        assert plan.status == status, plan.message
+    assert planned(replace(asked, corridors=())).status == "solved"
+    assert "by its waypoints inside its corridors within its limits" in plan.message
+
+
+def test_some_of_the_craft_alone_need_what_they_need_beside_the_others():
+    """Each has limits, a waypoint and corridors of its own, and one that is of all."""
+    states = [
+        np.array([[0.0, y, 0, 0, 0, 0] for y in ys]) for ys in ((-300, -360, -99), (-40,) * 3)
+    ]
+    strong, weak = Spacecraft(max_acceleration=4e-3), Spacecraft(max_acceleration=3e-3)
+    all_three = Scenario(
+        Problem(),
+        states[0],
+        states[1] + 99 * np.eye(6)[[0, 2, 0]] * [[1], [1], [-1]],
+        ends="any",
+        craft=(strong, weak, Spacecraft()),
+        waypoints=(Waypoint(0, (9.0, -200.0, 0.0)), Waypoint(2, (0.0, -60.0, 9.0), None, 360.0)),
+        corridors=(
+            Corridor(Box((-10.0, -400.0, -10.0), (10.0, 0.0, 10.0)), 0.0, 700.0, (0, 2)),
+            Corridor(Box((-102.0, -400.0, -102.0), (102.0, 0.0, 102.0)), 0.0, 1200.0),
+        ),
+    )
+    some = [2, 0]
+    alone, beside = (Batch([one]).optima for one in (all_three.only(some), all_three))
+    np.testing.assert_allclose(alone.lower_bound, beside.lower_bound[some], rtol=1e-6)
+    free = Batch([replace(all_three, corridors=())]).optima.lower_bound[some]
+    assert (alone.lower_bound > 1.001 * free).all()
 
 
 def found_time(plan: Plan) -> float:

@@ -6,6 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from judge import Case, judge_plan, least_fuel
+from judge.fuel import least_fuel_inside
 from judged import document
 
 from pipeline.expert import Settings, solve
@@ -13,12 +14,14 @@ from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.participants import Obstacle
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.rings import pro_states
+from pipeline.plan.document import plan_document
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
 from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import LARGE_GAP, GoalAssignment, decoupled_costs, ranked
 from pipeline.planners.named import named_planner
 from pipeline.scenario import Scenario, draw
+from pipeline.scenario.document import document_of
 from pipeline.scenario.spacecraft import Spacecraft
 from pipeline.scenario.waypoint import Waypoint
 
@@ -307,3 +310,52 @@ def test_where_an_end_is_outside_a_corridor_for_every_order_there_is_proven_to_b
     (plan,) = GoalAssignment(Expert()).plan([in_a_row(corridor)])
     assert plan.status == INFEASIBLE
     assert "whichever goals they take, some craft is outside of a corridor" in plan.message
+
+
+def inside_by_pair(scenario):
+    """Least fuel of each craft to each goal inside of its corridors, m/s², by HiGHS."""
+    craft, found = np.arange(scenario.n), np.zeros((scenario.n, scenario.n))
+    for shift in craft:
+        slots = (craft + shift) % scenario.n
+        taken = scenario.taking(slots.tolist())
+        given = document_of(taken)
+        found[craft, slots] = least_fuel_inside(given, Case.of(given), taken.initial, taken.goal)
+    return found
+
+
+def test_the_costs_of_goals_count_corridors():
+    """Which are of all craft, and one of craft 2 alone; the best order is another without them."""
+    scenario = valid("rings", 3, 7)
+    ends = np.concatenate([scenario.initial, scenario.goal])[:, :3]
+    low, high = (tuple(one.tolist()) for one in (ends.min(axis=0) - 20, ends.max(axis=0) + 20))
+    duration = Problem().duration
+    near = Box(*(tuple((scenario.goal[0, :3] + side).tolist()) for side in (-60.0, 60.0)))
+    tight = replace(
+        scenario,
+        corridors=(Corridor(Box(low, high), 0.0, duration), Corridor(near, 900.0, duration, (2,))),
+    )
+    (plan,) = GoalAssignment(Expert()).plan([tight])
+    cost = inside_by_pair(tight)
+    orders = list(permutations(range(3)))
+    least = [cost[range(3), order].sum() for order in orders]
+    fields = plan_document(plan)
+    assert plan.status == SOLVED and judge_plan(fields["scenario"], fields).wrong == ()
+    assert plan.assignment.slots == orders[np.argmin(least)]
+    assert plan.certificate.fuel_lower_bound == pytest.approx(min(least), rel=1e-4)
+    free = decoupled_costs(scenario)
+    assert free.of(orders[np.argmin(least)]) < 0.98 * min(least)
+    assert orders[np.argmin(least)] != next(ranked(free.fuel))
+
+
+def test_where_no_order_keeps_all_inside_between_the_ends_there_is_proven_to_be_no_plan():
+    begin = np.array([[0.0, -45, 0, 0.2, 0, 0], [0.0, 45, 0, 0.2, 0, 0]])
+    goal = np.array([[0.0, 50, 0, 0, 0, 0], [0.0, -50, 0, 0, 0, 0]])
+    for edge, status in ((2.0, INFEASIBLE), (60.0, SOLVED)):
+        box = Corridor(Box((-60.0, -60.0, -60.0), (edge, 60.0, 60.0)), 0.0, 1200.0)
+        asked = Scenario(Problem(), begin, goal, ends="any", corridors=(box,))
+        assert np.isfinite(inside_by_pair(asked)).all() == (status == SOLVED)
+        (plan,) = GoalAssignment(Expert()).plan([asked])
+        assert plan.status == status, plan.message
+        if status == INFEASIBLE:
+            reason = "some craft cannot reach its own inside its corridors with any thrust"
+            assert f"whichever goals they take, {reason}" in plan.message

@@ -69,8 +69,9 @@ def least_fuel_inside(
 ) -> np.ndarray:
     """Least fuel of each craft, m/s², inside of its corridors at PARTS times in each time step.
 
-    By HiGHS, for thrusters along the axes; in the pyramid that is inscribed in a cone of which 98 %
-    is enough, so that any pyramid of 16 sides in the cone has this one inside.
+    By HiGHS, for thrusters along the axes, with waypoints at given times; in the pyramid that is
+    inscribed in a cone of which 98 % is enough, so that any pyramid of 16 sides in the cone has
+    this one inside.
     """
     unit, step, found = problem.duration**-2, problem.step, []
     for k, (start, end) in enumerate(zip(initial, goal, strict=True)):
@@ -78,6 +79,8 @@ def least_fuel_inside(
             one for one in document["corridors"] if k in (one.get("craft") or range(len(initial)))
         ]
         free, pushed, rows, most = np.eye(6), np.zeros((6, 3 * (problem.nodes - 1))), [], []
+        passed = [one for one in document.get("waypoints", ()) if one["craft"] == k]
+        at, place = [], []
         ends = [one[name] for one in corridors for name in ("from", "to")]
         grid = np.linspace(0.0, problem.duration, PARTS * (problem.nodes - 1) + 1)
         times = np.union1d(grid, ends)
@@ -94,14 +97,20 @@ def least_fuel_inside(
             A, B = exact_step(problem.rate, step)
             free, pushed = A @ free, A @ pushed
             pushed[:, 3 * node : 3 * node + 3] += B
+            for one in passed:
+                if round(one["time"] / step) == node + 1:
+                    at.append(pushed[:3])
+                    place.append(one["position"] - (free @ start)[:3])
         above = np.concatenate([np.zeros((1, pushed.shape[1])), *rows]) * unit
         size = np.repeat([1.0, problem.duration], 3)[:, None]
+        led = np.concatenate([size * pushed, *at]) * unit
+        there = np.concatenate([size[:, 0] * (end - free @ start), *place])
         solved = linprog(
             np.ones(2 * pushed.shape[1]),
             A_ub=np.hstack([above, -above]),
             b_ub=np.concatenate([[1.0], *most]),
-            A_eq=size * np.hstack([pushed, -pushed]) * unit,
-            b_eq=size[:, 0] * (end - free @ start),
+            A_eq=np.hstack([led, -led]),
+            b_eq=there,
             bounds=(0, None if problem.limit is None else problem.limit / unit),
         )
         found.append(np.inf if solved.fun is None else unit * solved.fun)
