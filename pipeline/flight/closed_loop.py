@@ -19,7 +19,7 @@ A craft that has lost its thrust is an obstacle to the others; it drifts from it
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -57,6 +57,8 @@ RemainingControls = Float[Array, "K n left 3"]
 EachTrial = Float[Array, "K"]
 EachState = Float[Array, "K n 6"]
 
+Margin = tuple[Requirements, BackOff]  # what plans must keep; a back-off beyond r_col
+
 
 class ClosedLoop:
     """Guidance of K trials, each replanned at every node but the first."""
@@ -66,17 +68,17 @@ class ClosedLoop:
         scenario: Scenario,
         controls: Controls,
         planner: Planner,
-        trials: int,
+        loss: Loss,
+        errors: Errors,
         back_off: BackOff | None = None,
-        loss: Loss | None = None,
-        errors: Errors | None = None,
     ) -> None:
         """Begin with a plan's controls, m/s²; keep a back-off, if given, that is not too expensive.
 
-        Estimates are filtered if errors are given. A loss of thrust is known at the next node, or
-        as late as states are. After it neither a back-off is kept, which the expert cannot keep
-        from obstacles, nor passive safety, which is for one loss.
+        Estimates are filtered by the errors. A loss of thrust is known at the next node, or as late
+        as states are. After it neither a back-off is kept, which the expert cannot keep from
+        obstacles, nor passive safety, which is for one loss.
         """
+        trials, problem = len(loss.craft), scenario.problem
         self._scenario, self._planner, self._back_off = scenario, planner, back_off
         self._loss, self._lost = loss, np.full(trials, -1)  # craft known to have lost its thrust
         self._after = planner  # planner then, and where passive safety cannot be kept
@@ -84,25 +86,21 @@ class ClosedLoop:
             self._after = requiring(planner, replace(planner.requirements, passive_safety=None))
         self._allowance = float(np.abs(controls).sum())
         self._ahead = np.broadcast_to(controls, (trials, *controls.shape))
-        self._errors, self._filter = errors, None
-        if errors is not None:
-            expected = errors.gaussian(scenario.problem.time_step)
-            self._filter = Filter(scenario.problem, expected)
+        self._errors = errors
+        self._filter = Filter(problem, errors.gaussian(problem.time_step))
         self._commanded: Float[Array, "K n 3"] | None = None
         # By trial, the nodes at which no known plan to the goal satisfies the requirements
         self.unsafe = np.zeros(trials, dtype=int)
         # Planning time by trial and node; NaN at the first and where no planner is asked
-        self.seconds = np.full((trials, scenario.problem.intervals), np.nan)
+        self.seconds = np.full((trials, problem.intervals), np.nan)
 
     def __call__(self, node: int, estimate: EachState) -> Float[Array, "K n 3"]:
         """Controls, m/s², for the interval after a node, from the states estimated there."""
         problem = self._scenario.problem
         left = problem.intervals - node
-        if self._filter is not None:
-            estimate = self._filter(node, estimate, self._commanded)
+        estimate = self._filter(node, estimate, self._commanded)
         if node > 0:
-            if self._loss is not None:
-                self._lost = self._loss.by(node - self._loss.latency)
+            self._lost = self._loss.by(node - self._loss.latency)
             self._ahead = self._ahead[:, :, 1:]
             if left == 1:
                 self._end(estimate)
@@ -164,8 +162,7 @@ class ClosedLoop:
                 seeds = list(compress(plans, safe))
                 further = with_back_off(seeds, self._back_off, required)
                 self._add_seconds(which[safe], further)
-                asked = Margin(self._back_off, required, required == least)
-                choice.offer(which[safe], further, radius, asked)
+                choice.offer(which[safe], further, radius, (required, self._back_off))
         left = choice.open[which]
         choice.offer(which[left], list(compress(plans, left)), radius)
 
@@ -185,7 +182,7 @@ class ClosedLoop:
         required = self._planner.requirements
         planned = Choice(problem, estimate, self._ahead, required, self._lost)
         nearest = np.matvec(last_control_map(whole), miss)
-        if self._filter is not None and not required.at_nodes:
+        if not required.at_nodes:
             last = LastInterval(
                 problem=problem,
                 estimate=estimate,
@@ -206,7 +203,7 @@ class ClosedLoop:
 
 
 def asked_with_margin(
-    requirements: Requirements, problem: Problem, errors: Errors | None
+    requirements: Requirements, problem: Problem, errors: Errors
 ) -> list[Requirements]:
     """Requirements to plan for with a margin, each for where there is no plan with the one before.
 
@@ -215,7 +212,7 @@ def asked_with_margin(
     """
     orbits = REACTION * problem.time_step * problem.mean_motion / (2 * np.pi)
     enough = requirements.at_nodes or (requirements.passive_safety or 0.0) >= orbits
-    if errors is None or errors.missed == 0 or enough:
+    if errors.missed == 0 or enough:
         return [requirements]
     return [replace(requirements, passive_safety=orbits), requirements]
 
@@ -236,15 +233,6 @@ def _separations_to_ask(problem: Problem, apart: EachTrial) -> list[EachTrial]:
     grains = np.floor((np.minimum(apart, 2 * radius) - 2 * TOLERANCE) / (GRAIN * radius))
     least = np.minimum(radius, radius * (grains * GRAIN))
     return [least, *(least * (1 - share) for share in LESS)]
-
-
-@dataclass(frozen=True)
-class Margin:
-    """What plans must keep beyond the collision radius."""
-
-    back_off: BackOff  # standard deviations of each separation
-    requirements: Requirements  # besides the back-off
-    partly: bool  # whether as much of it as possible is enough
 
 
 class Choice:
@@ -283,8 +271,9 @@ class Choice:
 
         Where neither is, the one that keeps craft further apart remains; but one that misses the
         goal does not replace one that meets it. Plans are for the trials ``which``, all open, and
-        for separation by a radius, m. With a margin, a plan must keep all of it or, where a part
-        is enough, fall short by less than the other; and a new one must not cost too much.
+        for separation by a radius, m. With a margin, a plan must keep all of it or, where it has no
+        other requirements than the choice, fall short by less than the other; and a new one must
+        not cost too much.
         """
         if not plans:
             return
@@ -305,7 +294,7 @@ class Choice:
             before = self._shortfall(margin, which, self.controls[which])
             alike = np.abs(short - before) <= EVEN
             cheaper = np.where(alike, cheaper, short < before)
-            if margin.partly:  # the one under way only beside another
+            if margin[0] == self._requirements:  # the one under way only beside another
                 kept &= safe | (before == 0)
             else:
                 safe, kept = safe & (short == 0), kept & (before == 0)
@@ -327,8 +316,7 @@ class Choice:
     def _shortfall(self, margin: Margin, which: Indices, controls: RemainingControls) -> Values:
         """Largest shortfall of a margin with some controls, by trial, m."""
         flown, swarms = self._flown(which, controls)
-        asked = self.problem, margin.requirements, margin.back_off
-        return back_off_shortfall(flown, *asked, swarms)
+        return back_off_shortfall(flown, self.problem, *margin, swarms)
 
     def _flown(
         self, which: Indices | slice, controls: RemainingControls

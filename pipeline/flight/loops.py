@@ -125,9 +125,7 @@ class TrialSettings:
         guidance = open_loop(loop.controls)
         if loop.planner is not None:
             loss = lost_thrust(drawn, errors, scenario.problem)
-            closed = ClosedLoop(
-                scenario, loop.controls, loop.planner, count, loop.back_off, loss, errors
-            )
+            closed = ClosedLoop(scenario, loop.controls, loop.planner, loss, errors, loop.back_off)
             guidance, unsafe, seconds = closed, closed.unsafe, closed.seconds  # filled in flight
         elif loop.states is not None:
             late = bool(errors.latency)

@@ -11,7 +11,7 @@ from judge import Case, closest_adrift
 from pipeline.errors import InputError
 from pipeline.expert import solve
 from pipeline.flight.closed_loop import ClosedLoop
-from pipeline.flight.errors import COLD_GAS, Errors, draws
+from pipeline.flight.errors import COLD_GAS, Errors, Loss, draws
 from pipeline.flight.loops import MARGIN, TrialSettings, flight_loops
 from pipeline.flight.trials import fly_trials, open_loop
 from pipeline.flight.world import LinearWorld, conditions_of, world_of
@@ -43,8 +43,11 @@ def flown(scenario, guide, errors=COLD_GAS, trials=TRIALS):
     return fly_trials(scenario, LinearWorld(scenario.problem.dynamics), guide, drawn, errors)
 
 
-def closed(scenario, plan, planner=None, trials=TRIALS):
-    return ClosedLoop(scenario, plan.controls, planner or Expert(), trials)
+def closed(scenario, flies, planner=None, trials=TRIALS, errors=None, back_off=None):
+    """Guidance that filters estimates by the errors, if any, and knows of no loss of thrust."""
+    nobody = Loss(np.full(trials, -1), np.full(trials, np.nan), np.full(trials, np.inf), 0)
+    by = planner or Expert()
+    return ClosedLoop(scenario, flies.controls, by, nobody, errors or Errors(), back_off)
 
 
 @pytest.mark.parametrize("name", ["expert", "refiner", "minimum-energy"])
@@ -96,7 +99,7 @@ def wider(tight):
     """The loop with margin of the tight plan, and its flights by estimates as they are."""
     scenario, plan = tight
     loop = margin_of(plan)
-    guide = ClosedLoop(scenario, loop.controls, Expert(), TRIALS, loop.back_off)
+    guide = closed(scenario, loop, back_off=loop.back_off)
     return loop, flown(scenario, guide)
 
 
@@ -114,7 +117,7 @@ def test_filtered_estimates_cost_less_than_chasing_their_noise(tight, wider):
     """The same draws and the same margin; craft end as near their goals."""
     scenario, plan = tight
     loop, raw = wider
-    guide = ClosedLoop(scenario, loop.controls, Expert(), TRIALS, loop.back_off, errors=COLD_GAS)
+    guide = closed(scenario, loop, errors=COLD_GAS, back_off=loop.back_off)
     filtered = flown(scenario, guide)
     saved = (raw["delta_v"] - filtered["delta_v"]) / plan.certificate.delta_v
     assert saved.mean() > 0.005
@@ -157,7 +160,7 @@ def test_a_margin_is_not_had_at_any_price():
     scenario = draw("rings", 0, 10, 19, Problem(), "test")
     plan = solve(scenario)
     loop = margin_of(plan)
-    guide = ClosedLoop(scenario, loop.controls, Expert(), 1, loop.back_off)
+    guide = closed(scenario, loop, trials=1, back_off=loop.back_off)
     drawn = draws(0, range(97, 98), scenario.n, scenario.problem.intervals)
     world = LinearWorld(scenario.problem.dynamics)
     found = fly_trials(scenario, world, guide, drawn, COLD_GAS)

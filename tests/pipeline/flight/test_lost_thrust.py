@@ -125,7 +125,7 @@ def test_replanned_the_others_go_round_the_one_adrift_and_to_their_goals(tight):
     trials, h, kept = 300, scenario.problem.time_step, scenario.problem.collision_radius - 1e-3
     drawn = draws(0, range(trials), scenario.n, scenario.problem.intervals)
     loss = lost_thrust(drawn, LOST, scenario.problem)
-    guide = ClosedLoop(scenario, plan.controls, Expert(), trials, loss=loss)
+    guide = ClosedLoop(scenario, plan.controls, Expert(), loss, Errors())
     found, controls = flown(scenario, guide, trials=trials)
     as_planned, _ = flown(scenario, open_loop(plan.controls), trials=trials)
     close = np.flatnonzero(as_planned["min_separation"] < kept)
@@ -153,7 +153,7 @@ def in_the_way(**asked):
 
     def guide(latency=0):
         loss = Loss(np.array([0]), np.array([0.5 * h]), np.array([1.0]), latency)
-        return ClosedLoop(scenario, idle, planner, 1, loss=loss)
+        return ClosedLoop(scenario, idle, planner, loss, Errors())
 
     return scenario, guide
 
