@@ -200,8 +200,8 @@ def _tail(probability: float) -> float:
 
 def _with_risk(plan: Plan, back_off: BackOff) -> _Candidate:
     problem = plan.scenario.problem
-    errors = back_off.uncertainty, back_off.closed_loop
-    risk = collision_risk(plan.states, plan.controls, problem, *errors)
+    spread = back_off.dispersion(plan.controls, problem)
+    risk = collision_risk(plan.states, plan.controls, problem, spread)
     return _Candidate(plan, back_off.sigmas, risk)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Float, fields_as_python
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.arrays import Controls, Indices, Values, norm
+from pipeline.orbit.arrays import Controls, Indices, Node, Values, norm
 from pipeline.orbit.feedback import ErrorMaps, error_maps
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import step_maps
@@ -103,7 +103,7 @@ class Dispersion:
         variance = np.diagonal(self.correction_covariance, axis1=2, axis2=3)
         return np.sqrt(np.maximum(variance, 0.0))  # of 0, rounding may be below it
 
-    def of_pairs(self, first: Indices, second: Indices, node: Indices) -> Float[Array, "k 9 9"]:
+    def of_pairs(self, first: Indices, second: Indices, node: Node) -> Float[Array, "k 9 9"]:
         """Covariance of two craft's relative state at a node and relative control from there on."""
         return self.covariance[first, node] + self.covariance[second, node]
 

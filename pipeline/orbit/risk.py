@@ -20,7 +20,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.orbit.approaches import Approaches, close_approaches
 from pipeline.orbit.arrays import Controls, Indices, Rows, States, Values, Vectors, norm
-from pipeline.orbit.covariance import Dispersion, Uncertainty, dispersion, standard_deviation
+from pipeline.orbit.covariance import Dispersion, standard_deviation
 from pipeline.orbit.partition import pairs
 from pipeline.orbit.problem import Problem
 
@@ -146,21 +146,9 @@ class _Panels(Rows):
 
 
 def collision_risk(
-    states: States,
-    controls: Controls,
-    problem: Problem,
-    uncertainty: Uncertainty,
-    closed_loop: bool = False,
-) -> CollisionRisk:
-    """The risk of flying planned states (m, m/s) and controls (m/s²), in open or closed loop."""
-    spread = dispersion(controls, problem, uncertainty, closed_loop)
-    return dispersed_risk(states, controls, problem, spread)
-
-
-def dispersed_risk(
     states: States, controls: Controls, problem: Problem, spread: Dispersion
 ) -> CollisionRisk:
-    """The risk with any dispersion, such as that of craft with known covariances."""
+    """The risk of flying planned states (m, m/s) and controls (m/s²) with a dispersion."""
     i, j = pairs(len(states))
     beyond, added = _feedback(controls, spread, problem.most_control)
     if len(i) == 0:
@@ -201,8 +189,8 @@ def _at_node(
     node: int, first: Indices, second: Indices, states: States, spread: Dispersion
 ) -> tuple[Vectors, Float[Array, "k 3 3"]]:
     """Mean and covariance of pairs' relative positions at a node, m and m²."""
-    covariance = spread.covariance[first, node] + spread.covariance[second, node]
-    return states[first, node, :3] - states[second, node, :3], covariance[:, :3, :3]
+    covariance = spread.of_pairs(first, second, node)[:, :3, :3]
+    return states[first, node, :3] - states[second, node, :3], covariance
 
 
 def _within(gap: Vectors, covariance: Float[Array, "k 3 3"], radius: float) -> Values:

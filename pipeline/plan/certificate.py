@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.orbit.arrays import Controls, PerCraft, States, norm
 from pipeline.orbit.corridors import Faces, margins
-from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.covariance import Uncertainty, dispersion
 from pipeline.orbit.nearest import Nearest
 from pipeline.orbit.nonlinear import NonlinearFlight, least_after_loss_nonlinear
 from pipeline.orbit.partition import SwarmPartition, swarm_partition
@@ -90,8 +90,8 @@ class Risk:
             off = 2 * NonlinearFlight(states[:, 0], controls, problem).deviation(states)
         if off > FINE:
             problem = replace(problem, collision_radius=problem.collision_radius + off)
-        risk = collision_risk(states, controls, problem, self.uncertainty, closed_loop)
-        return self.of(risk, problem)
+        spread = dispersion(controls, problem, self.uncertainty, closed_loop)
+        return self.of(collision_risk(states, controls, problem, spread), problem)
 
     @classmethod
     def asked_for(cls, limit: RiskLimit, problem: Problem) -> "Risk":

@@ -14,7 +14,7 @@ from pipeline.orbit.covariance import Dispersion
 from pipeline.orbit.inertial import lvlh_frame
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.risk import dispersed_risk
+from pipeline.orbit.risk import collision_risk
 
 NODES = 201
 SHARE, WEIGHT = np.polynomial.legendre.leggauss(32)
@@ -107,7 +107,7 @@ def test_craft_with_given_covariances_enter_the_radius_as_often_as_is_published(
 @pytest.mark.parametrize(("number", "most"), LOOSE.items())
 def test_the_bound_is_above_what_is_published(number, most):
     case = CASES[number]
-    found = dispersed_risk(*linear(case)).total
+    found = collision_risk(*linear(case)).total
     assert case.entered[1] < found < most * case.entries
 
 
@@ -118,7 +118,7 @@ def test_craft_that_stay_near_each_other_are_within_the_radius_at_most_as_often_
     """At first, and at any time, by two-body motion; published are those that enter it alone."""
     case, count = CASES[number], 20_000
     states, controls, problem, spread = linear(case)
-    risk = dispersed_risk(states, controls, problem, spread)
+    risk = collision_risk(states, controls, problem, spread)
     begins, ever = trials(case, count, pieces=40)
     lower, upper = wilson(int((ever & ~begins).sum()), count)
     assert lower < case.entered[1]

@@ -100,7 +100,8 @@ def test_what_corrections_cost_and_how_often_they_meet_the_limit_is_what_trials_
     states, controls, (_, asked, _) = flown
     limit = float(np.quantile(np.abs(asked).max(axis=(1, 2, 3)), 0.99))
     problem = replace(PROBLEM, max_acceleration=limit)
-    risk = collision_risk(states, controls, problem, Uncertainty(0.2, 3e-4, 0.02, 0.02), True)
+    spread = dispersion(controls, problem, Uncertainty(0.2, 3e-4, 0.02, 0.02), closed_loop=True)
+    risk = collision_risk(states, controls, problem, spread)
     # What is asked for is right on average, so that its share along the plan's adds nothing.
     added = (np.abs(asked) - np.sign(controls) * asked).sum(axis=(1, 2, 3))
     assert risk.corrections == pytest.approx(added.mean(), rel=0.05)

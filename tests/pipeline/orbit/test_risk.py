@@ -7,7 +7,7 @@ from scipy.stats import ncx2, norm
 from trials import Errors, frequency, pairs_flown, wilson
 
 from pipeline.expert import solve
-from pipeline.orbit.covariance import Uncertainty
+from pipeline.orbit.covariance import Uncertainty, dispersion
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.risk import collision_risk
 from pipeline.orbit.transfer import fly
@@ -15,6 +15,11 @@ from pipeline.scenario import draw
 
 FREE = Problem(mean_motion=1e-12, time_step=30.0, nodes=11)
 """As good as free space."""
+
+
+def risk_of(states, controls, problem, uncertainty):
+    """The risk in open loop."""
+    return collision_risk(states, controls, problem, dispersion(controls, problem, uncertainty))
 
 
 def passing(miss, speed, problem=FREE):
@@ -36,7 +41,7 @@ def test_a_pass_in_a_straight_line_is_bounded_by_at_most_twice_its_probability(
     deviation = sigma * 2**0.5
     miss = 15 + sigmas * deviation
     truth = ncx2.cdf((15 / deviation) ** 2, 2, (miss / deviation) ** 2)
-    found = collision_risk(*passing(miss, speed), Uncertainty(position=sigma)).total
+    found = risk_of(*passing(miss, speed), Uncertainty(position=sigma)).total
     assert truth <= found
     assert found <= 2 * truth
 
@@ -47,7 +52,7 @@ def test_a_pair_that_comes_near_by_a_jump_at_a_node_is_not_overlooked(sigma):
     deviation = sigma * 2**0.5
     states, controls, problem = passing(15 + 6 * deviation, 0.0)
     states[1, 5, 1] = 15 + deviation
-    found = collision_risk(states, controls, problem, Uncertainty(position=sigma)).total
+    found = risk_of(states, controls, problem, Uncertainty(position=sigma)).total
     assert found >= ncx2.cdf((15 / deviation) ** 2, 3, (15 / deviation + 1) ** 2)
 
 
@@ -60,7 +65,7 @@ def test_a_pair_that_nears_on_a_line_is_bounded_by_at_most_its_ends(sigmas):
     initial = np.zeros((2, 6))
     initial[1, 0], initial[1, 3] = 15 + sigmas * at_end + speed * problem.duration, -speed
     controls = np.zeros((2, 10, 3))
-    found = collision_risk(fly(initial, controls, problem), controls, problem, known)
+    found = risk_of(fly(initial, controls, problem), controls, problem, known)
     assert found.total == pytest.approx(norm.sf(sigmas), rel=0.02)
     assert found.at_ends[0] == pytest.approx(norm.sf(sigmas), rel=1e-9)
 
@@ -88,7 +93,7 @@ def test_errors_in_one_direction_alone_are_not_overlooked(tilt, along, speed, no
     when = np.clip(-np.vecdot(place, moving) / np.vecdot(moving, moving), 0, 30 * (nodes - 2))
     near = np.linalg.norm(place + when[:, None] * moving, axis=1) < 15
     truth = norm.pdf(xi)[near].sum() * 1e-4
-    found = collision_risk(states, controls, problem, Uncertainty(magnitude=share)).total
+    found = risk_of(states, controls, problem, Uncertainty(magnitude=share)).total
     assert truth > 1e-4
     assert truth * 0.999 <= found <= 1.1 * truth
 
@@ -108,7 +113,7 @@ def test_the_bound_holds_for_covariances_of_any_shape(seed):
     side = np.cross(speed, rng.normal(size=3))
     initial[1, :3] = 15.3 * side / np.linalg.norm(side) - states[1, 5, :3]
     states = fly(initial, controls, problem)
-    found = collision_risk(states, controls, problem, Uncertainty(0.0, 0.0, *sizes)).total
+    found = risk_of(states, controls, problem, Uncertainty(0.0, 0.0, *sizes)).total
     size = np.linalg.norm(controls[1, 0])
     axes = np.linalg.svd(controls[1, :1])[2]  # along the burn, and two across it
     erring = (rng.normal(size=(trials, 3)) * [sizes[0], sizes[1], sizes[1]]) @ axes * size
@@ -126,7 +131,7 @@ def test_the_bound_is_between_collisions_and_passages_in_trials():
     scenario = draw("rings", 0, 10, 1, problem, "valid")
     plan = solve(scenario)
     uncertainty = Uncertainty(errors.position, errors.velocity, errors.thrust, errors.thrust)
-    risk = collision_risk(plan.states, plan.controls, problem, uncertainty)
+    risk = risk_of(plan.states, plan.controls, problem, uncertainty)
     case = Case(problem.mean_motion, problem.time_step, problem.nodes, problem.collision_radius)
     passages, collisions = [], []
     for seed in range(parts):  # as many trials as a processor holds
@@ -142,13 +147,13 @@ def test_the_bound_is_between_collisions_and_passages_in_trials():
 
 def test_a_pair_planned_too_close_counts_in_full_and_one_far_away_not_at_all():
     uncertainty = Uncertainty(position=0.1)
-    assert collision_risk(*passing(14.9, 1.0), uncertainty).total == 1.0
-    far = collision_risk(*passing(200.0, 1.0), uncertainty)
+    assert risk_of(*passing(14.9, 1.0), uncertainty).total == 1.0
+    far = risk_of(*passing(200.0, 1.0), uncertainty)
     assert (len(far.first), far.total) == (0, pytest.approx(0, abs=1e-11))
-    exact = collision_risk(*passing(15.1, 1.0), Uncertainty())
+    exact = risk_of(*passing(15.1, 1.0), Uncertainty())
     assert exact.total == pytest.approx(0, abs=1e-11)
     alone = np.zeros((1, 11, 6)), np.zeros((1, 10, 3)), FREE
-    assert collision_risk(*alone, uncertainty).total == 0.0
+    assert risk_of(*alone, uncertainty).total == 0.0
 
 
 def test_thrust_errors_alone_are_enough_to_bring_craft_together():
@@ -161,7 +166,7 @@ def test_thrust_errors_alone_are_enough_to_bring_craft_together():
     controls[1, 3, 0], controls[1, 4, 0] = -0.025, 0.025  # and 10 m further, to rest
     states = fly(initial, controls, problem)
     assert states[1, -1] == pytest.approx([16.0, 0, 0, 0, 0, 0], abs=1e-6)
-    found = collision_risk(states, controls, problem, Uncertainty(magnitude=0.02, direction=0.02))
+    found = risk_of(states, controls, problem, Uncertainty(magnitude=0.02, direction=0.02))
     moved = [0.05 * 20**2 * 2.5, 0.025 * 20**2 * 1.5, 0.025 * 20**2 / 2]
     last = norm.sf(1.0 / (0.02 * np.linalg.norm(moved)))
     assert found.at_ends.tolist() == [pytest.approx(last, rel=1e-6)]
