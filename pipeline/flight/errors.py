@@ -9,12 +9,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_whole
 from pipeline.orbit.arrays import norm
-from pipeline.orbit.covariance import (
-    MAX_ERRORS,
-    NO_BURN,
-    Uncertainty,
-    navigation_roots,
-)
+from pipeline.orbit.covariance import MAX_ERRORS, NO_BURN, Uncertainty, navigation_roots
 from pipeline.orbit.problem import Problem
 from pipeline.scenario.families import SEEDS
 

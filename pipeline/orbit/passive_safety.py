@@ -133,11 +133,10 @@ class Ends:
 
     def encounters(self) -> Iterator[Separation]:
         """Encounters of drifts from goals, and of those from starts with obstacles."""
-        problem, orbits, radii = self.problem, self.orbits, self.radii
-        there, last = at_the_end(self.obstacles, problem), problem.nodes - 1
-        yield from _encounters(self.goal, problem, orbits, last, radii, there)
+        problem, there = self.problem, at_the_end(self.obstacles, self.problem)
+        yield from self._adrift(self.goal, problem.nodes - 1, problem.duration, there)
         if self.obstacles:
-            before = _encounters(self.initial, problem, orbits, 0, radii, self.obstacles, begin=0.0)
+            before = self._adrift(self.initial, 0, 0.0, self.obstacles)
             yield from (one for one in before if one.pair and one.pair[1] >= len(self.goal))
 
     def starts_with_goals(self) -> Iterator[tuple[int, int, Separation]]:
@@ -147,10 +146,27 @@ class Ends:
         both = np.concatenate([self.initial @ A.T, self.goal])  # where they are when the plan ends
         longer = self.orbits - problem.duration * problem.mean_motion / (2 * np.pi)
         radii = None if self.radii is None else np.tile(self.radii, 2)
-        for one in _encounters(both, problem, longer, 0, radii):
+        after = replace(self, orbits=longer, radii=radii)
+        for one in after._adrift(both, 0, problem.duration):
             if one.pair and one.pair[0] < n <= one.pair[1]:
                 craft, taken = one.pair[0], one.pair[1] - n
                 yield craft, taken, replace(one, pair=(craft, taken))
+
+    def _adrift(
+        self, states: Formation, node: int, begin: float, obstacles: Sequence[Obstacle] = ()
+    ) -> Iterator[Separation]:
+        """Encounters within the collision radius in free drift from a time, s, after a node."""
+        problem, radius = self.problem, self.problem.collision_radius
+        if self.orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
+            return
+        flown, idle, drift = free_drift(states, problem, self.orbits, begin)
+        drift = replace(drift, collision_radius=radius)
+        swarms = None if self.radii is None else Participants(drift, [self.radii], [obstacles])
+        found = close_approaches(flown, idle, drift, radius, swarms=swarms)
+        time = begin + found.times(drift)
+        for k in np.flatnonzero(found.distance <= radius).tolist():
+            pair, distance = (int(found.first[k]), int(found.second[k])), float(found.distance[k])
+            yield Separation(distance, float(found.bound[k]), pair, float(time[k]), node)
 
 
 def unavoidable_encounter(ends: Ends) -> Separation | None:
@@ -176,26 +192,3 @@ def allowed_goals(ends: Ends) -> Bool[Array, "n n"]:
     for craft, taken, _ in ends.starts_with_goals():
         allowed[craft] &= np.arange(n) == taken
     return allowed
-
-
-def _encounters(
-    states: Formation,
-    problem: Problem,
-    orbits: float,
-    node: int,
-    radii: Values | None = None,
-    obstacles: Sequence[Obstacle] = (),
-    begin: float | None = None,
-) -> Iterator[Separation]:
-    """Encounters within the collision radius in free drift from a time, s, or the plan's end."""
-    if orbits * 2 * np.pi / problem.mean_motion < SHORTEST:
-        return
-    begin = problem.duration if begin is None else begin
-    flown, idle, drift = free_drift(states, problem, orbits, begin)
-    drift = replace(drift, collision_radius=problem.collision_radius)
-    swarms = None if radii is None else Participants(drift, [radii], [obstacles])
-    found = close_approaches(flown, idle, drift, problem.collision_radius, swarms=swarms)
-    time = begin + found.times(drift)
-    for k in np.flatnonzero(found.distance <= problem.collision_radius).tolist():
-        pair, distance = (int(found.first[k]), int(found.second[k])), float(found.distance[k])
-        yield Separation(distance, float(found.bound[k]), pair, float(time[k]), node)
