@@ -4,8 +4,6 @@ In a subproblem only craft near unsafe ones move; the controls of all others are
 of a whole cluster starts from the simplex basis of the round before.
 """
 
-from itertools import pairwise
-
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Int
@@ -45,9 +43,8 @@ def cluster_labels(n: int, first: Indices, second: Indices) -> Int[Array, "n"]:
 def groups(labels: Indices) -> list[Int[Array, "_"]]:
     """Group indices by label: those of each label that occurs, in ascending order of labels."""
     order = labels.argsort(kind="stable")
-    ordered = labels.take(order)
-    ends = (ordered[1:] != ordered[:-1]).nonzero()[0] + 1
-    return [order[a:b] for a, b in pairwise([0, *ends.tolist(), len(order)])] if len(order) else []
+    ends = np.diff(labels.take(order)).nonzero()[0] + 1
+    return np.split(order, ends) if len(order) else []
 
 
 def joint_clusters(clusters: list[Cluster], swarm: Indices) -> list[list[Cluster]]:

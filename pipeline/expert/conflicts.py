@@ -132,13 +132,13 @@ class ConflictDetection:
         drifting = passive_safety_cuts(found, flown.states, self.problem, self.swarms)
         return cuts + drifting, np.concatenate([bound, found.bound])
 
-    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values | float:
+    def back_off_of(self, cuts: Cuts, flown: Trajectory) -> Values:
         """Back-off of each cut for a trajectory's burns, m; passive-safety cuts have none.
 
         Without errors, the additional separation by the sizes of participants, if any.
         """
         if self.back_off is None:
-            return 0.0 if cuts.beyond is None else cuts.beyond
+            return cuts.beyond
         found, flying = np.zeros(len(cuts)), np.ones(len(cuts), dtype=bool)
         if cuts.other is not None:
             flying, cuts = cuts.in_flight, replace(cuts, other=None)
@@ -186,7 +186,8 @@ class ConflictDetection:
                 states, flown.controls, problem, within, swarms=swarms, moved=moved
             )
             pairs = found.first, found.second, found.interval
-            cuts, bound = Cuts(*pairs, found.state_map, found.control_map), found.bound
+            maps, bound = (found.state_map, found.control_map), found.bound
+            cuts = Cuts(*pairs, *maps, np.zeros(len(found)))
         if problem.intervals > BLOCKS and self.back_off is None and not spread:
             closest = self._closest_in_blocks(bound, cuts.first, cuts.second, cuts.interval)
             cuts, bound = cuts[closest], bound[closest]

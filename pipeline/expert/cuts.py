@@ -36,21 +36,14 @@ class Cuts(Rows):
     interval: Indices  # of the time
     state_map: Float[Array, "k 3 6"]  # from a craft's state at the interval's start to its position
     control_map: Float[Array, "k 3 3"]  # from its control in the interval to its position
+    beyond: Values  # required beyond the collision radius, by sizes, m
     other: SecondCraft | None = None  # of the second craft, where some maps differ
-    beyond: Values | None = None  # required beyond the collision radius, by sizes, m
 
     def __add__(self, more: "Cuts") -> "Cuts":
         parts = [self, more]
         if any(cuts.other is not None for cuts in parts):
             parts = [replace(cuts, other=cuts.other or cuts.as_first) for cuts in parts]
-        if any(cuts.beyond is not None for cuts in parts):
-            parts = [replace(one, beyond=one.of_sizes) for one in parts]
         return Cuts.concatenated(parts)
-
-    @property
-    def of_sizes(self) -> Values:
-        """Separation required beyond the collision radius, by sizes, m."""
-        return np.zeros(len(self)) if self.beyond is None else self.beyond
 
     @property
     def as_first(self) -> SecondCraft:
@@ -67,16 +60,12 @@ class Cuts(Rows):
         return ~np.any([(a != b).reshape(len(self), -1).any(axis=1) for a, b in both], axis=0)
 
 
-_NO_INDEX = np.zeros(0, dtype=int)
-NO_CUTS = Cuts(_NO_INDEX, _NO_INDEX, _NO_INDEX, np.zeros((0, 3, 6)), np.zeros((0, 3, 3)))
-
-
 def cuts_at(
     first: Indices, second: Indices, interval: Indices, offset: Values, problem: Problem
 ) -> Cuts:
     """Cuts at times since the starts of their intervals, s."""
     A, B = problem.dynamics.step(offset, interval)
-    return Cuts(first, second, interval, A[:, :3], B[:, :3])
+    return Cuts(first, second, interval, A[:, :3], B[:, :3], np.zeros(len(first)))
 
 
 def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
@@ -156,6 +145,7 @@ def passive_safety_cuts(
         interval=node,
         state_map=_unless(fixed, drifting),
         control_map=np.zeros_like(found.control_map),
+        beyond=np.zeros(len(node)),
         other=SecondCraft(
             interval=np.where(arrived, 0, found.interval),
             state_map=_unless(arrived, found.state_map),

@@ -41,7 +41,7 @@ from pipeline.expert.clusters import (
 from pipeline.expert.conflicts import BackOff, ConflictDetection, Trajectory
 from pipeline.expert.conic import by_cones
 from pipeline.expert.conic_decoupled import polished, program_limits
-from pipeline.expert.cuts import NO_CUTS, Cuts, HalfSpaces, gaps, half_spaces, normals
+from pipeline.expert.cuts import Cuts, HalfSpaces, gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.incumbents import SLACK_TOLERANCE, Incumbents, SearchResult
 from pipeline.expert.settings import Settings
@@ -118,7 +118,7 @@ class Search:
         cuts, _ = task.detection.conflicts(self.iterate, self.provable)
         in_conflict = self._scenarios(cuts.first)
         if seeds is not None:
-            cuts += self._seeded(seeds, in_conflict)
+            cuts = self._seeded(cuts, seeds, in_conflict)
         # For each cut: separation required beyond radius and margin, m; its dual variable in its
         # last program, m/s² per m; radius plus margin, m.
         self.back_off, self.dual, self.separation = np.zeros((3, 0))
@@ -138,14 +138,14 @@ class Search:
         there[self.swarm[craft]] = True
         return there
 
-    def _seeded(self, seeds: Seeds, in_conflict: Bool[Array, "swarms"]) -> Cuts:
-        """Linearize scenarios in conflict about their seeds, and return cuts of close pairs there.
+    def _seeded(self, cuts: Cuts, seeds: Seeds, in_conflict: Bool[Array, "swarms"]) -> Cuts:
+        """Linearize scenarios in conflict about their seeds, and add cuts of close pairs there.
 
         A seed that is safe as flown is the first incumbent, so no result costs more.
         """
         chosen = {k: seed for k, seed in enumerate(seeds) if seed is not None and in_conflict[k]}
         if not chosen:
-            return NO_CUTS
+            return cuts
         given = np.isin(self.swarm, list(chosen))
         self.reference.set(given, self._propagated(np.concatenate(list(chosen.values())), given))
         near, bound = self.task.detection.conflicts(
@@ -161,7 +161,7 @@ class Search:
         safe[list(chosen)] = True
         safe[self.swarm[np.concatenate(unfit)]] = False
         self.incumbents.update(controls, safe)
-        return near
+        return cuts + near
 
     def _first_shift(self, start: int) -> Vectors | float:
         """Random shifts of the relative positions about which the first cuts are linearized.
@@ -226,7 +226,7 @@ class Search:
 
     def _set_cuts(self, cuts: Cuts) -> None:
         self.cuts = cuts
-        beyond, radius = cuts.of_sizes[len(self.dual) :], self.problem.collision_radius
+        beyond, radius = cuts.beyond[len(self.dual) :], self.problem.collision_radius
         margin = self.settings.margin_at(radius + np.minimum(beyond, 0.0))
         self.separation = np.append(self.separation, radius + margin)
         self.back_off = np.append(self.back_off, beyond)
@@ -264,7 +264,10 @@ class Search:
         planes = half_spaces(
             self.cuts, normal, self.batch.initial, self.problem, self.separation + self.back_off
         )
-        for some in self._joint(clusters):
+        # By an interior-point method, the optimum of a cluster would depend on those beside it.
+        separate = self.batch.limits is not None or self.settings.solver != "simplex"
+        alone = [[craft] for craft in clusters]
+        for some in alone if separate else joint_clusters(clusters, self.swarm):
             self._solve_jointly(some, planes)
         for craft in clusters:
             if self.accepted[craft].all():
@@ -274,15 +277,6 @@ class Search:
         moved = np.concatenate(clusters)
         self.iterate.set(moved, self._propagated(self.iterate.controls[moved], moved))
         return [craft for craft in clusters if not self.failed[craft].any()]
-
-    def _joint(self, clusters: list[Cluster]) -> list[list[Cluster]]:
-        """Group clusters that share a linear program; each cone program is of one cluster.
-
-        Its optimum, by an interior-point method, would depend on the other clusters.
-        """
-        if self.batch.limits is not None or self.settings.solver != "simplex":
-            return [[craft] for craft in clusters]
-        return joint_clusters(clusters, self.swarm)
 
     def _solve_jointly(self, clusters: list[Cluster], planes: HalfSpaces) -> None:
         """Solve several clusters as one program or, where that fails, each by its own program."""
