@@ -41,13 +41,17 @@ MADE_BY: DecidedBy = (
     ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch"),
 )
 
+
+def _of_distance(names: Sequence[str]) -> list[pa.Field]:
+    """Columns of a distance, two numbers and a time."""
+    kinds = pa.float64(), pa.int32(), pa.int32(), pa.float64()
+    return list(map(pa.field, names, kinds))
+
+
 # Columns; those of the closest pair are null for a single craft.
 FIELDS = [
     pa.field("trial", pa.int64(), nullable=False),
-    pa.field("min_separation", pa.float64()),
-    pa.field("first_craft", pa.int32()),
-    pa.field("second_craft", pa.int32()),
-    pa.field("min_separation_time", pa.float64()),
+    *_of_distance(OF_CRAFT),
     pa.field("goal_error", pa.float64(), nullable=False),
     pa.field("goal_velocity_error", pa.float64(), nullable=False),
     pa.field("delta_v", pa.float64(), nullable=False),
@@ -57,12 +61,7 @@ FIELDS = [
     pa.field("lost_time", pa.float64(), nullable=False),
 ]
 # Further columns where craft have sizes of their own or there are obstacles, or corridors
-OF_UNLIKE = {
-    names: [
-        pa.field(name, pa.int32() if k in (1, 2) else pa.float64()) for k, name in enumerate(names)
-    ]
-    for names in (OF_SIZES, OF_CORRIDORS)
-}
+OF_UNLIKE = {names: _of_distance(names) for names in (OF_SIZES, OF_CORRIDORS)}
 TIMING_FIELDS = [
     FIELDS[0],
     pa.field("replan_seconds", pa.list_(pa.field("element", pa.float64(), nullable=False))),
