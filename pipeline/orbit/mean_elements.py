@@ -205,14 +205,13 @@ def _rates(elements: PlanarElements, states: Float[Array, "n q 6"]) -> Float[Arr
     return np.stack(rates, axis=-1)
 
 
-def secular_rates(mean: Formation, *, j2: bool = True) -> tuple[PerCraft, PerCraft, PerCraft]:
+def secular_rates(mean: PlanarElements, *, j2: bool = True) -> tuple[PerCraft, PerCraft, PerCraft]:
     """Rates of perigee ω, mean anomaly M and node Ω, rad/s, to first order in J2.
 
     Vallado, "Fundamentals of Astrodynamics and Applications", section 9.6.
     """
-    elements = PlanarElements.of(mean)
-    n, square = elements.mean_motion, 1 - elements.eccentricity_squared
-    cos = elements.axes[..., 2, 2]  # of the inclination
-    pull = 1.5 * J2 * n * (R_EARTH / (elements.semi_major_axis * square)) ** 2 * j2
+    n, square = mean.mean_motion, 1 - mean.eccentricity_squared
+    cos = mean.axes[..., 2, 2]  # of the inclination
+    pull = 1.5 * J2 * n * (R_EARTH / (mean.semi_major_axis * square)) ** 2 * j2
     anomaly = n + pull * np.sqrt(square) * (1.5 * cos**2 - 0.5)
     return pull * (2.5 * cos**2 - 0.5), anomaly, -pull * cos

@@ -94,8 +94,7 @@ def ring_states(
     orbit = problem.orbit
     if orbit is None:
         return pro_states(semi_major_axis, tilt, phase, cross_phase, problem.mean_motion, offset)
-    origin, mean, frame = _reference(orbit)
-    chief = PlanarElements.of(mean)
+    origin, chief, frame = _reference(orbit)
     size = chief.semi_major_axis
     behind = chief.longitude - phase
     e, i = semi_major_axis / 2 / size, semi_major_axis / 2 / size * np.tan(tilt)
@@ -105,7 +104,7 @@ def ring_states(
     by = np.stack(columns, axis=-1)
     craft = chief[np.zeros(len(by), dtype=int)].changed(by)  # the reference, once for every craft
     for _ in range(NEWTON):
-        ahead = _relative_rate(orbit, craft.states(), mean)
+        ahead = _relative_rate(orbit, craft.states(), chief)
         longer = ahead / (1.5 * craft.mean_motion * np.sqrt(1 - chief.eccentricity_squared))
         craft = replace(craft, semi_major_axis=craft.semi_major_axis + longer)
     states = mean_elements.osculating_states(craft.states(), j2=orbit.j2)
@@ -122,36 +121,34 @@ def secular_drift(states: Formation, problem: Problem) -> PerCraft:
     assert orbit is not None
     origin, chief, frame = _reference(orbit)
     craft = origin + frame.to_inertial(states)
-    reference = PlanarElements.of(chief)
-    size, n = reference.semi_major_axis, reference.mean_motion
+    size, n = chief.semi_major_axis, chief.mean_motion
     r, v, h = norm(craft[:, :3]), norm(craft[:, 3:]), norm(np.cross(craft[:, :3], craft[:, 3:]))
     share = size * (2 / r - v**2 / MU_EARTH)  # of the reference's semi-major axis in the craft's
     square = 1 - h**2 * share / (MU_EARTH * size)  # of the eccentricity
     like = (np.abs(share - 1) < LIKE) & (square < (1 - LIKE) ** 2)
-    drift = 3 * np.pi * size * (share - 1) * np.sqrt(1 - reference.eccentricity_squared)
+    drift = 3 * np.pi * size * (share - 1) * np.sqrt(1 - chief.eccentricity_squared)
     mean = mean_elements.mean_states(craft[like], j2=orbit.j2)
     drift[like] = 2 * np.pi / n * _relative_rate(orbit, mean, chief)
     return drift
 
 
 @lru_cache(maxsize=32)
-def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], Float[Array, "1 6"], Frame]:
-    """Inertial state of the reference at the first node, its mean state, and the LVLH frame."""
+def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], PlanarElements, Frame]:
+    """Inertial state of the reference at the first node, its mean elements, and the LVLH frame."""
     origin, frame = orbit.frames(np.zeros(1))
-    return origin, mean_elements.mean_states(origin, j2=orbit.j2), frame
+    mean = mean_elements.mean_states(origin, j2=orbit.j2)
+    return origin, PlanarElements.of(mean), frame
 
 
-def _relative_rate(
-    orbit: ReferenceOrbit, mean: Formation, reference: Float[Array, "1 6"]
-) -> PerCraft:
+def _relative_rate(orbit: ReferenceOrbit, mean: Formation, chief: PlanarElements) -> PerCraft:
     """Secular along-track rate of mean states relative to a mean reference, averaged, m/s.
 
     A rotation of the orbit in its plane, Δω + ΔΩ cos i, moves a craft by that times r, on average
     by a (1 + e²/2); ΔM by a²√(1-e²)/r, on average a √(1-e²).
     """
-    rates = (mean_elements.secular_rates(states, j2=orbit.j2) for states in (mean, reference))
+    both = PlanarElements.of(mean), chief
+    rates = (mean_elements.secular_rates(one, j2=orbit.j2) for one in both)
     perigee, anomaly, node = (craft - its for craft, its in zip(*rates, strict=True))
-    chief = PlanarElements.of(reference)
     square, cos = chief.eccentricity_squared, chief.axes[:, 2, 2]
     turned = (1 + square / 2) * (perigee + cos * node)
     return chief.semi_major_axis * (turned + np.sqrt(1 - square) * anomaly)

@@ -10,7 +10,12 @@ from relative import pull
 from scipy.integrate import solve_ivp
 
 from pipeline.orbit.inertial import Elements
-from pipeline.orbit.mean_elements import mean_states, osculating_states, secular_rates
+from pipeline.orbit.mean_elements import (
+    PlanarElements,
+    mean_states,
+    osculating_states,
+    secular_rates,
+)
 from pipeline.orbit.reference import J2, MU_EARTH, R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -78,7 +83,7 @@ def test_along_an_orbit_they_change_at_their_secular_rates_alone(e, i):
         h = np.cross(mean[:, :3], mean[:, 3:])
         node = np.unwrap(np.arctan2(h[:, 0], -h[:, 1]))
         span = 6 * 2 * np.pi / np.sqrt(MU_EARTH / (LEO / (1 - e)) ** 3)
-        *_, rate = secular_rates(mean[:1])
+        *_, rate = secular_rates(PlanarElements.of(mean[:1]))
         assert node[-1] - node[0] == pytest.approx(rate * span, abs=20 * SECOND)
 
 
