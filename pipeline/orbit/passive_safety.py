@@ -84,13 +84,8 @@ def _closest(
     flown = np.concatenate([end, start, -held], axis=1)
     motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
     near, found = closest_to_origin(motions, dynamics, length)
-    return Approaches(
-        **vars(found.reduced_by(beyond, near)),
-        first=lost[near],
-        second=other[near],
-        interval=interval[near],
-        node=node[near],
-    )
+    who = (each[near] for each in (lost, other, interval, node))
+    return Approaches(*vars(found.reduced_by(beyond, near)).values(), *who)
 
 
 def _closest_sampled(paths: DriftingPaths) -> list[Separation]:
