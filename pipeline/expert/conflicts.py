@@ -9,14 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.expert.cuts import (
-    Cuts,
-    corridor_cuts,
-    cuts_at,
-    cuts_of_craft,
-    normals,
-    passive_safety_cuts,
-)
+from pipeline.expert.cuts import Cuts, corridor_cuts, cuts_at, normals, passive_safety_cuts
 from pipeline.orbit.approaches import PROVABLE, TOLERANCE, close_approaches
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, Rows, States, Values
 from pipeline.orbit.corridors import margins
@@ -195,7 +188,7 @@ class ConflictDetection:
         for way in (-spread, spread) if spread else ():
             cuts += cuts_at(*pairs, np.clip(found.offset + way * h, 0.0, h), problem)
             bound = np.concatenate([bound, found.bound])
-        return cuts_of_craft(cuts, cuts.first, cuts.second, swarms), bound
+        return cuts.of_craft(cuts.first, cuts.second, swarms), bound
 
     def _closest_in_blocks(self, bound: Values, *where: Indices) -> Int[Array, "_"] | slice:
         """The encounter of least bound, m, of each pair in each block of intervals.

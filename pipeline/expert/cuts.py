@@ -59,6 +59,35 @@ class Cuts(Rows):
         both = zip(vars(self.as_first).values(), vars(other).values(), strict=True)
         return ~np.any([(a != b).reshape(len(self), -1).any(axis=1) for a, b in both], axis=0)
 
+    def of_craft(self, first: Indices, second: Indices, swarms: SwarmPartition) -> "Cuts":
+        """These cuts of pairs of participants as cuts of craft alone.
+
+        Their axes are scaled. Where the second participant is an obstacle, the cut has the first
+        craft as both, so that it links no two craft.
+        """
+        if not isinstance(swarms, Participants):
+            return self
+        scale, beyond = swarms.separation_scaling(first, second)
+        second_craft, obstacle = self.other or self.as_first, swarms.is_obstacle(second)
+        rows, interval = second[obstacle], second_craft.interval[obstacle]
+        maps = second_craft.state_map[obstacle], second_craft.control_map[obstacle]
+        offset = second_craft.offset.copy()
+        offset[obstacle] -= swarms.obstacle_positions(rows, interval, maps)
+        axes = scale[:, :, None]
+        return replace(
+            self,
+            second=np.where(obstacle, first, self.second),
+            state_map=self.state_map * axes,
+            control_map=self.control_map * axes,
+            other=SecondCraft(
+                interval=np.where(obstacle, 0, second_craft.interval),
+                state_map=_unless(obstacle, second_craft.state_map * axes),
+                control_map=_unless(obstacle, second_craft.control_map * axes),
+                offset=offset * scale,
+            ),
+            beyond=beyond,
+        )
+
 
 def cuts_at(
     first: Indices, second: Indices, interval: Indices, offset: Values, problem: Problem
@@ -66,36 +95,6 @@ def cuts_at(
     """Cuts at times since the starts of their intervals, s."""
     A, B = problem.dynamics.step(offset, interval)
     return Cuts(first, second, interval, A[:, :3], B[:, :3], np.zeros(len(first)))
-
-
-def cuts_of_craft(cuts: Cuts, first: Indices, second: Indices, swarms: SwarmPartition) -> Cuts:
-    """Convert cuts of pairs of participants to cuts of craft alone.
-
-    Their axes are scaled. Where the second participant is an obstacle, the cut has the first craft
-    as both, so that it links no two craft.
-    """
-    if not isinstance(swarms, Participants):
-        return cuts
-    scale, beyond = swarms.separation_scaling(first, second)
-    second_craft, obstacle = cuts.other or cuts.as_first, swarms.is_obstacle(second)
-    rows, interval = second[obstacle], second_craft.interval[obstacle]
-    maps = second_craft.state_map[obstacle], second_craft.control_map[obstacle]
-    offset = second_craft.offset.copy()
-    offset[obstacle] -= swarms.obstacle_positions(rows, interval, maps)
-    axes = scale[:, :, None]
-    return replace(
-        cuts,
-        second=np.where(obstacle, first, cuts.second),
-        state_map=cuts.state_map * axes,
-        control_map=cuts.control_map * axes,
-        other=SecondCraft(
-            interval=np.where(obstacle, 0, second_craft.interval),
-            state_map=_unless(obstacle, second_craft.state_map * axes),
-            control_map=_unless(obstacle, second_craft.control_map * axes),
-            offset=offset * scale,
-        ),
-        beyond=beyond,
-    )
 
 
 def corridor_cuts(found: Margins, faces: Faces, collision_radius: float) -> Cuts:
@@ -153,7 +152,7 @@ def passive_safety_cuts(
             offset=_unless(~fixed, start) - _unless(~arrived, goal),
         ),
     )
-    return cuts_of_craft(cuts, found.first, found.second, swarms)
+    return cuts.of_craft(found.first, found.second, swarms)
 
 
 def _unless(mask: Bool[Array, "k"], values: Float[Array, "k *rest"]) -> Float[Array, "k *rest"]:
