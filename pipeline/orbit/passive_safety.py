@@ -11,6 +11,7 @@ other craft drift from their goals. The motion of obstacles is known.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,13 +22,7 @@ from pipeline.orbit.drift_search import BlockSearch, DriftingPaths
 from pipeline.orbit.participants import Obstacle, Participants, at_the_end
 from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.problem import RANGES, Problem
-from pipeline.orbit.separation import (
-    ROUNDING,
-    Separation,
-    closest_sampled,
-    distances_of,
-    replace_if_closer,
-)
+from pipeline.orbit.separation import ROUNDING, Separation, closest_sampled, with_closer
 from pipeline.orbit.transfer import free_drift
 
 # Drift in s below which nothing is proven by the ends alone; plans are still checked over it
@@ -65,9 +60,8 @@ def least_after_loss(
 ) -> list[Separation]:
     """The least separation between a craft after loss of thrust and any other, in each swarm."""
     paths = DriftingPaths(states, controls, problem, orbits, swarms)
-    least = _closest_sampled(paths)
-    found = loss_encounters(paths, distances_of(least))
-    return replace_if_closer(least, found, problem, swarms)
+    search = partial(loss_encounters, paths)
+    return with_closer(_closest_sampled(paths), search, problem, swarms)
 
 
 def _closest(

@@ -1,7 +1,8 @@
 """Separation of craft: at the nodes (Eq. 5) and, proven, at any time between them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -65,22 +66,20 @@ def least_separations(
     tolerance: float = TOLERANCE,
 ) -> list[Separation]:
     """The least separation of any pair of each swarm at any time, to a tolerance, m."""
-    # The least at the nodes is an upper bound, and the result where no closer one is found.
-    least = _closest_at_nodes(states, problem, swarms)
-    within = distances_of(least)
-    found = close_approaches(states, controls, problem, within, swarms=swarms, tolerance=tolerance)
-    return replace_if_closer(least, found, problem, swarms)
+    least, flown = _closest_at_nodes(states, problem, swarms), (states, controls, problem)
+    search = partial(close_approaches, *flown, swarms=swarms, tolerance=tolerance)
+    return with_closer(least, search, problem, swarms)
 
 
-def distances_of(least: list[Separation]) -> Float[Array, "swarms"]:
-    """The least separation of each swarm, m; 0 without a pair, for which nothing is searched."""
-    return np.array([one.distance if one.distance < np.inf else 0.0 for one in least])
-
-
-def replace_if_closer(
-    least: list[Separation], found: Approaches, problem: Problem, swarms: SwarmPartition
+def with_closer(
+    least: list[Separation],
+    search: Callable[[Float[Array, "swarms"]], Approaches],
+    problem: Problem,
+    swarms: SwarmPartition,
 ) -> list[Separation]:
-    """The least separation of each swarm, replaced where an approach was found."""
+    """The least separation of each swarm, replaced where a search within it finds an approach."""
+    # 0 without a pair, for which nothing is searched
+    found = search(np.array([one.distance if one.distance < np.inf else 0.0 for one in least]))
     label, time = swarms.label[found.first], found.times(problem)
     bound = np.full(len(least), np.inf)
     np.minimum.at(bound, label, found.bound)
