@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.flight.world import HeldControls
 from pipeline.orbit.approaches import PROVABLE, Approaches, close_approaches
-from pipeline.orbit.arrays import Formation, Indices, Values, Vectors, norm
+from pipeline.orbit.arrays import Formation, PositionMaps, Values, Vectors, norm
 from pipeline.orbit.covariance import Uncertainty, burn_covariance, standard_deviation
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
@@ -86,25 +86,20 @@ class LastInterval:
         sigmas = np.full(len(i), self.sigmas)
         for apart, free, pushed in zip(ends, A[:, :3], B[:, :3], strict=True):
             maps = np.broadcast_to(free, (len(i), 3, 6)), np.broadcast_to(pushed, (len(i), 3, 3))
-            sigma = self._deviation(i, j, normal, maps, held)
+            sigma = self._deviation(found, normal, maps, held)
             most = (apart - radius - 2 * PROVABLE) / np.maximum(sigma, PROVABLE)
             sigmas = np.clip(most, 0.0, sigmas)
-        sigma = self._deviation(i, j, normal, (found.state_map, found.control_map), held)
+        sigma = self._deviation(found, normal, (found.state_map, found.control_map), held)
         return radius + 2 * PROVABLE + sigmas * sigma
 
     def _deviation(
-        self,
-        first: Indices,
-        second: Indices,
-        normal: Vectors,
-        maps: tuple[Float[Array, "k 3 6"], Float[Array, "k 3 3"]],
-        held: HeldControls,
+        self, found: Approaches, normal: Vectors, maps: PositionMaps, held: HeldControls
     ) -> Values:
-        """Standard deviations of pairs' separations along unit vectors, m."""
+        """Standard deviations of pairs' separations along unit vectors, m, where maps lead."""
         known = self.covariance.reshape(-1, 6, 6)
         burns = burn_covariance(held[:, None], self.problem, self.uncertainty)[:, 0]
         along = [
-            standard_deviation(np.vecmat(normal, one), each[first] + each[second])
+            standard_deviation(np.vecmat(normal, one), each[found.first] + each[found.second])
             for one, each in zip(maps, (known, burns), strict=True)
         ]
         return np.hypot(*along)
