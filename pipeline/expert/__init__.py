@@ -1,6 +1,6 @@
 """The expert: sequential convex programming (SCP) with half-space collision constraints."""
 
-from pipeline.expert.conflicts import BackOff, Trajectory, back_off_shortfall
+from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.decoupled import decoupled_optima
 from pipeline.expert.expert import solve, solve_many, within_risk
 from pipeline.expert.nominal import nominal_plans, with_back_off
@@ -15,7 +15,6 @@ __all__ = [
     "BackOff",
     "Settings",
     "Trajectory",
-    "back_off_shortfall",
     "decoupled_optima",
     "nominal_plans",
     "solve",

@@ -53,21 +53,16 @@ class BackOff:
         """Dispersion about the plan of craft that fly some controls, m/s²."""
         return dispersion(controls, problem, self.uncertainty, self.closed_loop)
 
-
-def back_off_shortfall(
-    flown: Trajectory,
-    problem: Problem,
-    requirements: Requirements,
-    back_off: BackOff,
-    swarms: SwarmPartition,
-) -> Float[Array, "S"]:
-    """Largest violation, m, of collision radius and back-off by a pair of each swarm, or 0."""
-    radius = problem.collision_radius
-    detection = ConflictDetection(problem, requirements, swarms, back_off=back_off)
-    cuts, bound = detection.conflicts(flown, radius)
-    short = np.zeros(len(swarms.sizes))
-    np.maximum.at(short, swarms.label[cuts.first], np.maximum(radius - bound, TOLERANCE))
-    return short
+    def shortfall(
+        self, flown: Trajectory, problem: Problem, asked: Requirements, swarms: SwarmPartition
+    ) -> Float[Array, "S"]:
+        """Largest violation, m, of collision radius and back-off by a pair of each swarm, or 0."""
+        radius = problem.collision_radius
+        detection = ConflictDetection(problem, asked, swarms, back_off=self)
+        cuts, bound = detection.conflicts(flown, radius)
+        short = np.zeros(len(swarms.sizes))
+        np.maximum.at(short, swarms.label[cuts.first], np.maximum(radius - bound, TOLERANCE))
+        return short
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +97,7 @@ class ConflictDetection:
             deviation = 2**0.5 * float(errors.deviation_bound(self.problem).max())
             most = within + self.back_off.sigmas * deviation
             cuts, bound = self._in_flight(flown, most, moved, spread)
-            bound = bound - self._chance_back_off(cuts, flown, errors, self.back_off.sigmas)
+            bound = bound - self._chance_back_off(cuts, flown, errors)
             near = bound <= within
             cuts, bound = cuts[near], bound[near]
             if not spread:
@@ -140,19 +135,18 @@ class ConflictDetection:
         craft, place = np.unique(np.stack([cuts.first, cuts.second]), return_inverse=True)
         cuts, flown = replace(cuts, first=place[0], second=place[1]), flown[craft]
         errors = self.back_off.dispersion(flown.controls, self.problem)
-        found[flying] = self._chance_back_off(cuts, flown, errors, self.back_off.sigmas)
+        found[flying] = self._chance_back_off(cuts, flown, errors)
         return found
 
-    def _chance_back_off(
-        self, cuts: Cuts, flown: Trajectory, errors: Dispersion, most: float
-    ) -> Values:
-        """Back-off of cuts of craft in flight, m: up to ``most`` standard deviations by errors."""
+    def _chance_back_off(self, cuts: Cuts, flown: Trajectory, errors: Dispersion) -> Values:
+        """Back-off of cuts of craft in flight, m: up to its standard deviations by errors."""
+        assert self.back_off is not None
         problem, i, j, k = self.problem, cuts.first, cuts.second, cuts.interval
         normal = normals(cuts, flown.states, flown.controls)
         maps = cuts.state_map, cuts.control_map
         along = np.concatenate([np.vecmat(normal, one) for one in maps], axis=1)
         deviation = standard_deviation(along, errors.of_pairs(i, j, k))
-        sigmas = np.full(len(cuts), most)
+        sigmas = np.full(len(cuts), self.back_off.sigmas)
         kept = problem.collision_radius + self.margin + ENDS
         for node, interval in ((0, 0), (problem.intervals, problem.intervals - 1)):
             at = np.flatnonzero(k == interval)

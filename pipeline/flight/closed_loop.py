@@ -25,7 +25,7 @@ from itertools import compress
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
-from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
+from pipeline.expert import BackOff, Trajectory, with_back_off
 from pipeline.flight.errors import Errors, Loss
 from pipeline.flight.estimation import Filter
 from pipeline.flight.last_interval import LastInterval, flown_interval
@@ -315,8 +315,8 @@ class Choice:
 
     def _shortfall(self, margin: Margin, which: Indices, controls: RemainingControls) -> Values:
         """Largest shortfall of a margin with some controls, by trial, m."""
-        flown, swarms = self._flown(which, controls)
-        return back_off_shortfall(flown, self.problem, *margin, swarms)
+        (flown, swarms), (required, back_off) = self._flown(which, controls), margin
+        return back_off.shortfall(flown, self.problem, required, swarms)
 
     def _flown(
         self, which: Indices | slice, controls: RemainingControls

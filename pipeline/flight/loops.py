@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError, check_whole
-from pipeline.expert import BackOff, Trajectory, back_off_shortfall, with_back_off
+from pipeline.expert import BackOff, Trajectory, with_back_off
 from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without_craft
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
@@ -181,7 +181,7 @@ def _with_margin(
         (wider,) = with_back_off([plan], back_off, required)
         dear = wider.certificate.fuel > DEAR * plan.certificate.fuel
         flown = Trajectory(wider.controls, wider.states)
-        short = back_off_shortfall(flown, problem, required, back_off, alone)[0]
+        short = back_off.shortfall(flown, problem, required, alone)[0]
         if wider.status == SOLVED and not dear and (short == 0 or required == requirements):
             return wider.controls
     return plan.controls
