@@ -1,8 +1,7 @@
 """The certificate of a plan: cost, optimality gap, and safety."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -358,7 +357,8 @@ def certify(
     columns["corridor"] = list(map(CorridorMargin.of, scenarios, flown, burned, in_flights))
     orbits, limit = requirements.passive_safety, requirements.risk
     if orbits is not None:
-        columns["passive_safety"] = _passive_safety(scenarios, states, controls, orbits, flights)
+        adrift = zip(*_least(scenarios, states, controls, flights, orbits), strict=True)
+        columns["passive_safety"] = [PassiveSafety.of(orbits, *one) for one in adrift]
     if limit is not None:
         refuse_risk(scenarios, closed_loop=limit.closed_loop)
         asked = Risk.asked_for(limit, problem)
@@ -426,11 +426,9 @@ def _separations(
     flights: Sequence[NonlinearFlight],
 ) -> Columns:
     """Least separations, at the nodes and at any time, and clearances by sizes of participants."""
-    problem = scenarios[0].problem
-    linear = partial(_least_separations, states, controls, problem)
-    closest, clear = _least(scenarios, linear, flights, NonlinearFlight.separation)
+    closest, clear = _least(scenarios, states, controls, flights)
     collisions = [0] * len(scenarios)  # at no node, where a pair is farther apart at all times
-    radius, unlike = problem.collision_radius, any(one.unlike for one in scenarios)
+    radius, unlike = scenarios[0].problem.collision_radius, any(one.unlike for one in scenarios)
     if unlike or any(one.bound <= radius for one in closest):
         collisions = swarm_node_collisions(states, radius, participants(scenarios)).tolist()
     return {
@@ -443,37 +441,32 @@ def _separations(
     }
 
 
-def _passive_safety(
+def _least(
     scenarios: Sequence[Scenario],
     states: States,
     controls: Controls,
-    orbits: float,
     flights: Sequence[NonlinearFlight],
-) -> list[PassiveSafety]:
-    """The passive safety of each scenario, by sizes of participants where these differ."""
-    problem = scenarios[0].problem
-
-    def in_flight(one: NonlinearFlight, swarms: SwarmPartition | None) -> Separation:
-        return least_after_loss_nonlinear(one.states, one.controls, problem, orbits, swarms)
-
-    linear = partial(least_after_loss, states, controls, problem, orbits)
-    found = _least(scenarios, linear, flights, in_flight)
-    return [PassiveSafety.of(orbits, *one) for one in zip(*found, strict=True)]
-
-
-def _least(
-    scenarios: Sequence[Scenario],
-    linear: Callable[[SwarmPartition], list[Separation]],
-    flights: Sequence[NonlinearFlight],
-    in_flight: Callable[[NonlinearFlight, SwarmPartition | None], Separation],
+    orbits: float | None = None,
 ) -> tuple[list[Separation], list[Clearance | None]]:
-    """The least separations of craft, and clearances by sizes, in linear motion or flights."""
+    """The least separations of craft, and clearances by sizes, in linear motion or flights.
+
+    With orbits, those of a craft that has lost its thrust, over so many of drift.
+    """
+    problem = scenarios[0].problem
 
     def least(*, alike: bool) -> list[Separation]:
         if not flights:
-            return linear(side_by_side(scenarios) if alike else participants(scenarios))
+            swarms = side_by_side(scenarios) if alike else participants(scenarios)
+            if orbits is None:
+                return _least_separations(states, controls, problem, swarms)
+            return least_after_loss(states, controls, problem, orbits, swarms)
         each = [None if alike else participants([one]) for one in scenarios]
-        return list(map(in_flight, flights, each))
+        if orbits is None:
+            return list(map(NonlinearFlight.separation, flights, each))
+        return [
+            least_after_loss_nonlinear(one.states, one.controls, problem, orbits, beside)
+            for one, beside in zip(flights, each, strict=True)
+        ]
 
     closest = least(alike=True)
     clear = least(alike=False) if any(one.sized for one in scenarios) else closest
