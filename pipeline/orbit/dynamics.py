@@ -1,7 +1,6 @@
 """Linear relative motion by intervals: the Clohessy-Wiltshire equations, or about any orbit."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from math import factorial
 
 import numpy as np
@@ -90,29 +89,20 @@ def cw_matrices(
     root = t * (np.sin(half) / half)
     c = 0.5 * root * root  # (1 - cos θ) / e²
     d = t * t * t * _cubic_remainder(theta)  # (θ - sin θ) / e³
-    others = 1 + 3 * e**2 * c, 4 * s - 3 * t, 4 * cos - 3, 4 * c - 1.5 * t * t
-    terms = np.array([np.ones(t.shape), s, c, d, cos, sin, *others])
-    terms = terms.reshape(10, -1).T
-    A, B = _cw_terms(e)
-    return (terms @ A).reshape(*t.shape, 6, 6), (terms @ B).reshape(*t.shape, 6, 3)
-
-
-@lru_cache(maxsize=64)
-def _cw_terms(e: float) -> tuple[Float[Array, "10 36"], Float[Array, "10 18"]]:
-    """Coefficients of the terms of the closed form in A and B; each entry has one term."""
-    one, s, c, d, cos, sin, radial, along, rate, pushed = range(10)
-    A, B = np.zeros((10, 6, 6)), np.zeros((10, 6, 3))
-    A[one, 1, 1] = A[radial, 0, 0] = A[along, 1, 4] = A[rate, 4, 4] = 1
-    A[s, 0, 3] = A[s, 2, 5] = 1
-    A[c, 0, 4], A[c, 1, 3], A[c, 4, 0] = 2 * e, -2 * e, -6 * e**3
-    A[d, 1, 0] = -6 * e**3
-    A[cos, [2, 3, 5], [2, 3, 5]] = 1
-    A[s, 3, 0], A[s, 5, 2] = 3 * e**2, -(e**2)
-    A[sin, 3, 4], A[sin, 4, 3] = 2, -2
-    B[c, [0, 2], [0, 2]] = B[s, [3, 5], [0, 2]] = B[pushed, 1, 1] = B[along, 4, 1] = 1
-    B[d, 0, 1], B[d, 1, 0] = 2 * e, -2 * e
-    B[c, 3, 1], B[c, 4, 0] = 2 * e, -2 * e
-    return A.reshape(10, 36), B.reshape(10, 18)
+    turn, along = 2 * e * c, 4 * s - 3 * t
+    A, B = np.zeros((*t.shape, 6, 6)), np.zeros((*t.shape, 6, 3))
+    A[..., 0, 0], A[..., 0, 3], A[..., 0, 4] = 1 + 3 * e**2 * c, s, turn
+    A[..., 1, 0], A[..., 1, 1], A[..., 1, 3], A[..., 1, 4] = -6 * e**3 * d, 1.0, -turn, along
+    A[..., 2, 2], A[..., 2, 5] = cos, s
+    A[..., 3, 0], A[..., 3, 3], A[..., 3, 4] = 3 * e**2 * s, cos, 2 * sin
+    A[..., 4, 0], A[..., 4, 3], A[..., 4, 4] = -6 * e**3 * c, -2 * sin, 4 * cos - 3
+    A[..., 5, 2], A[..., 5, 5] = -(e**2) * s, cos
+    B[..., 0, 0], B[..., 0, 1] = c, 2 * e * d
+    B[..., 1, 0], B[..., 1, 1] = -2 * e * d, 4 * c - 1.5 * t * t
+    B[..., 2, 2], B[..., 5, 2] = c, s
+    B[..., 3, 0], B[..., 3, 1] = s, turn
+    B[..., 4, 0], B[..., 4, 1] = -turn, along
+    return A, B
 
 
 def _cubic_remainder(theta: Scalar) -> Scalar:
