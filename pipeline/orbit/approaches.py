@@ -91,10 +91,8 @@ class Closest(Rows):
     state_map: Float[Array, "k 3 6"]  # map from the state at the interval's start to that position
     control_map: Float[Array, "k 3 3"]  # map from the control in the interval to it
 
-    def reduced_by(self, beyond: Float[Array, "all"] | float, which: Indices) -> "Closest":
+    def reduced_by(self, beyond: Float[Array, "all"], which: Indices) -> "Closest":
         """The approaches with offsets, of which ``which`` gives the indices, subtracted, m."""
-        if isinstance(beyond, float):
-            return self
         off = beyond[which]
         return replace(self, distance=self.distance - off, bound=self.bound - off)
 

@@ -70,11 +70,10 @@ def nearest(
     motions = (states,) if others is None else (states, others)
     ends = tuple(like(ENDS, each) @ each for each in motions)
     scale, beyond = swarms.separation_scaling(*both)
-    off = np.broadcast_to(beyond, len(both[0]))
-    i, j, *sizes = (like(one, states) for one in (*both, scale, off))
+    i, j, *sizes = (like(one, states) for one in (*both, scale, beyond))
     found = _candidates(motions, ends, (i, j), half, (sizes[0], sizes[1]))
     within, trial, pair, piece, cubic = map(plain, found)
-    i, j, off = (one[pair] for one in (*both, off))
+    i, j, off = (one[pair] for one in (*both, beyond))
     apart = plain(states[trial, i, piece] - motions[-1][trial, j, piece])
     begin, end = (
         plain(ends[0][trial, i, piece, cubic + k] - ends[-1][trial, j, piece, cubic + k])

@@ -78,11 +78,9 @@ class SwarmPartition:
         """Index of a participant within its swarm."""
         return row - int(self.starts[swarm])
 
-    def separation_scaling(
-        self, first: Indices, second: Indices
-    ) -> tuple[Vectors | None, Values | float]:
-        """Scales of the axes for pairs' separations, and an offset to subtract, m."""
-        return None, 0.0
+    def separation_scaling(self, first: Indices, second: Indices) -> tuple[Vectors | None, Values]:
+        """Scales of the axes for pairs' separations, if any, and offsets to subtract, m."""
+        return None, np.zeros(len(first))
 
     def separations(
         self,
@@ -106,7 +104,7 @@ class SwarmPartition:
                 gap *= scale[part].T[:, :, None]
             np.square(gap, out=gap)
             np.sqrt(gap.sum(axis=0), out=distance[part])
-        return distance if isinstance(beyond, float) else distance - beyond[:, None]
+        return distance if scale is None else distance - beyond[:, None]
 
 
 @lru_cache(maxsize=64)
