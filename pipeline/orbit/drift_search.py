@@ -11,7 +11,7 @@ from pipeline.orbit.approaches import chord_balls, chord_distances
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
-from pipeline.orbit.partition import SwarmPartition, swarm_partition
+from pipeline.orbit.partition import SwarmPartition
 from pipeline.orbit.problem import Problem
 
 # Node of loss, number of the pair, first time step, and bound on the acceleration adrift, m/s²
@@ -24,10 +24,7 @@ NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is r
 
 
 class DriftingPaths:
-    """A plan of participants flown to its end, and the drift from there for a number of orbits.
-
-    By default there is one swarm.
-    """
+    """A plan of participants flown to its end, and the drift from there for a number of orbits."""
 
     def __init__(
         self,
@@ -35,9 +32,9 @@ class DriftingPaths:
         controls: Controls,
         problem: Problem,
         orbits: float,
-        swarms: SwarmPartition | None = None,
+        swarms: SwarmPartition,
     ) -> None:
-        swarms = self.swarms = swarms or swarm_partition((len(states),))
+        self.swarms = swarms
         states, controls = swarms.all_states(states), swarms.all_controls(controls)
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h

@@ -59,7 +59,7 @@ def test_after_a_loss_of_thrust_a_block_is_of_times_of_the_loss_too():
     cuts, bound = detection(FINE, asked).conflicts(motion, within)
     _, flying = detection(FINE).conflicts(motion, within)
     plan, some = (motion.states, motion.controls, FINE), np.ones(8, dtype=bool)
-    every = loss_encounters(DriftingPaths(*plan, ORBITS), within, some)
+    every = loss_encounters(DriftingPaths(*plan, ORBITS, swarm_partition((8,))), within, some)
     blocks = every.interval // WIDTH, every.node // WIDTH
     wanted = least_of_blocks(every.bound, every.first, every.second, *blocks)
     assert np.sort(bound[len(flying) :]).tolist() == sorted(wanted.values())

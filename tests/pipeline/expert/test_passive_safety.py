@@ -159,8 +159,9 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
     own = decoupled_optima(*ends, PROBLEM).controls
     states = fly(scenario.initial, own, PROBLEM)
     moved = np.ones(5, dtype=bool)
-    found = loss_encounters(DriftingPaths(states, own, PROBLEM, 1.0), 30.0, moved)
-    cuts = passive_safety_cuts(found, states, PROBLEM, swarm_partition((len(states),)))
+    swarms = swarm_partition((len(states),))
+    found = loss_encounters(DriftingPaths(states, own, PROBLEM, 1.0, swarms), 30.0, moved)
+    cuts = passive_safety_cuts(found, states, PROBLEM, swarms)
     normal = rng.normal(size=(len(cuts), 3))
     planes = half_spaces(cuts, normal, scenario.initial, PROBLEM, 0.0)
     kinds = {(k == 0, i >= 10) for k, i in zip(found.node, found.interval, strict=True)}

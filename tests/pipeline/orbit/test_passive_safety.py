@@ -92,7 +92,8 @@ def test_everything_within_a_distance_is_found_and_nothing_else():
     problem, orbits = Problem(nodes=4), 0.2
     states, controls = transfer(7, 5, problem)
     within = 120.0
-    found = loss_encounters(DriftingPaths(states, controls, problem, orbits), within)
+    swarms = swarm_partition((len(states),))
+    found = loss_encounters(DriftingPaths(states, controls, problem, orbits, swarms), within)
     assert len(found.first) > 20
     assert (found.bound <= within).all()
     assert (np.abs(found.distance - found.bound) < 1e-4).all()
@@ -132,7 +133,7 @@ def test_what_moved_craft_have_no_say_in_is_left_out(problem):
     """A craft adrift has its say before the loss, another until it is at its goal."""
     states, controls = transfer(3, 4, problem)
     moved = np.array([True, False, False, False])
-    paths = DriftingPaths(states, controls, problem, 1.0)
+    paths = DriftingPaths(states, controls, problem, 1.0, swarm_partition((4,)))
     every = loss_encounters(paths, 150.0)
     found = loss_encounters(paths, 150.0, moved)
     last = problem.nodes - 1
