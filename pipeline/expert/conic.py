@@ -12,8 +12,6 @@ share of each craft.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import clarabel
@@ -38,69 +36,36 @@ Parts = tuple[Int[Array, "_"], Int[Array, "_"], Float[Array, "_"]]
 Block = tuple[Parts, Float[Array, "_"]]
 
 
-@dataclass(frozen=True, eq=False)
 class ConicProgram:
     """The cone program of one subproblem, in scaled variables."""
 
-    sub: Subproblem
-
-    @cached_property
-    def limits(self) -> Limits:
-        """Limits of each craft; made from the subproblem's single limit where it has none."""
-        if self.sub.limits is not None:
-            return self.sub.limits
-        n, m, _ = self.sub.shape
+    def __init__(self, sub: Subproblem) -> None:
+        self.sub, (n, m, k), directions = sub, sub.shape, sub.thrust.directions
+        # Limits of each craft; made from the subproblem's single limit where it has none.
         none, burns = np.full(n, np.inf), np.ones((n, m // 3, 3), dtype=bool)
-        return Limits(np.full(n, self.sub.limit), none, none, burns)
-
-    @cached_property
-    def slots(self) -> tuple[Int[Array, "S"], Int[Array, "S"]]:
-        """Craft and interval of every control that is a variable."""
+        self.limits = sub.limits or Limits(np.full(n, sub.limit), none, none, burns)
+        # Craft and interval of every control that is a variable.
         craft, interval = np.nonzero(self.limits.burns.any(axis=2))
-        return craft, interval
-
-    @cached_property
-    def kept(self) -> Int[Array, "v"]:
-        """Indices of the variables that may be nonzero."""
+        self.slots = craft, interval
+        # Whether the model is one thruster that can point in any direction, and whether the
+        # largest share is minimized, and not total fuel.
+        self.pointed = directions is None
+        self.fair = sub.thrust.objective == "fair" and sub.weight is not None
+        # The matrix E from the variables of a control to the control, and the cost of each.
+        self.effect, self.price = np.eye(3, 4), np.array([0.0, 0.0, 0.0, 1.0])
+        if directions is not None:
+            self.effect, self.price = directions.T, np.ones(len(directions))
+        # Number of thrust variables, which come first, and of all: slacks, and in fair programs
+        # the largest share, follow.
+        self.thrusts = len(craft) * len(self.price)
+        self.variables = self.thrusts + k + self.fair
+        # Indices of the variables that may be nonzero.
         may = np.ones(self.variables, dtype=bool)
-        if self.sub.thrust.model == COMPONENTS:
+        if sub.thrust.model == COMPONENTS:
             may[: self.thrusts] = np.tile(self.limits.burns[self.slots], 2).ravel()
-        if not np.isfinite(self.sub.penalty):
-            may[self.thrusts : self.thrusts + len(self.sub.required)] = False
-        return np.flatnonzero(may)
-
-    @cached_property
-    def effect(self) -> Float[Array, "3 V"]:
-        """The matrix E from the variables of a control to the control."""
-        directions = self.sub.thrust.directions
-        if directions is None:
-            return np.hstack([np.eye(3), np.zeros((3, 1))])
-        return directions.T
-
-    @cached_property
-    def price(self) -> Float[Array, "V"]:
-        """Cost of each variable of a control."""
-        return np.array([0.0, 0.0, 0.0, 1.0]) if self.pointed else np.ones(self.effect.shape[1])
-
-    @property
-    def pointed(self) -> bool:
-        """Whether the model is one thruster that can point in any direction."""
-        return self.sub.thrust.directions is None
-
-    @property
-    def fair(self) -> bool:
-        """Whether the largest share is minimized, and not total fuel."""
-        return self.sub.thrust.objective == "fair" and self.sub.weight is not None
-
-    @property
-    def thrusts(self) -> int:
-        """Number of thrust variables, which come first."""
-        return len(self.slots[0]) * len(self.price)
-
-    @property
-    def variables(self) -> int:
-        """Number of variables: of controls, slacks, and in fair programs the largest share."""
-        return self.thrusts + len(self.sub.required) + self.fair
+        if not np.isfinite(sub.penalty):
+            may[self.thrusts : self.thrusts + k] = False
+        self.kept = np.flatnonzero(may)
 
     def cost(self) -> Float[Array, "v"]:
         """Cost of each variable."""
