@@ -45,7 +45,7 @@ from pipeline.expert.cuts import Cuts, HalfSpaces, gaps, half_spaces, normals
 from pipeline.expert.decoupled import control_limit
 from pipeline.expert.incumbents import SLACK_TOLERANCE, Incumbents, SearchResult
 from pipeline.expert.settings import Settings
-from pipeline.expert.solvers import SOLVERS
+from pipeline.expert.solvers import by_simplex
 from pipeline.expert.subproblem import Basis, Optimum, Subproblem, UnsolvableError
 from pipeline.orbit.approaches import PROVABLE
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, Values, Vectors, norm
@@ -371,7 +371,7 @@ class Search:
             last=last,
         )
         if batch.limits is None or batch.constraints is None:
-            return SOLVERS[self.settings.solver](sub)
+            return by_simplex(sub) if self.settings.solver == "simplex" else by_cones(sub)
         weight, at = batch.weight, batch.constraints[craft]
         general = replace(
             sub,

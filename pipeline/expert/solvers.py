@@ -1,12 +1,11 @@
-"""Solvers of the convex subproblem: HiGHS' dual simplex method, which is faster, and Clarabel.
+"""The convex subproblem by HiGHS' dual simplex method, which is faster than Clarabel.
 
 The simplex method starts from the decoupled optimum of every craft, whose basis a table gives.
 That basis is dual feasible, since half-spaces then have dual variables of zero, so only the pivots
-that move craft apart are left. Clarabel's interior-point method needs no basis; it also solves cone
-programs, and is the reference for the simplex method.
+that move craft apart are left. Clarabel's interior-point method (``conic``) needs no basis; it also
+solves cone programs, and is the reference for the simplex method.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from threading import local
 from typing import Any
@@ -15,7 +14,6 @@ import highspy
 import numpy as np
 
 from pipeline.arrays import Array, Float, Int
-from pipeline.expert.conic import by_cones
 from pipeline.expert.subproblem import LENGTH, Basis, Optimum, Subproblem, UnsolvableError
 
 # Of HiGHS
@@ -68,10 +66,6 @@ def by_simplex(sub: Subproblem) -> Optimum:
     if sub.last is None:
         return optimum
     return replace(optimum, basis=_last(sub, solver.getBasicVariables()[1]))
-
-
-# Solvers by their name in ``Settings``
-SOLVERS: dict[str, Callable[[Subproblem], Optimum]] = {"simplex": by_simplex, "clarabel": by_cones}
 
 
 def _highs() -> highspy.Highs:

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.expert import clusters, solve
 from pipeline.expert.cuts import HalfSpaces, cuts_at
-from pipeline.expert.solvers import SOLVERS, by_simplex
+from pipeline.expert.solvers import by_simplex
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Thrust
@@ -65,14 +65,14 @@ def test_clusters_whose_joint_program_fails_are_solved_one_by_one(monkeypatch):
         sizes.append(len(sub.miss))
         return by_simplex(sub)
 
-    monkeypatch.setitem(SOLVERS, "simplex", lambda sub: solved(sub, 60))
+    monkeypatch.setattr("pipeline.expert.scp.by_simplex", lambda sub: solved(sub, 60))
     with monkeypatch.context() as alone:
         alone.setattr(clusters, "JOINT", 0)
         single = solve(scenario)
     most = max(sizes)
     assert solve(scenario).status == single.status == SOLVED
     assert max(sizes) > most  # joint programs are larger
-    monkeypatch.setitem(SOLVERS, "simplex", lambda sub: solved(sub, most))
+    monkeypatch.setattr("pipeline.expert.scp.by_simplex", lambda sub: solved(sub, most))
     plan = solve(scenario)
     assert plan.status == SOLVED
     assert plan.certificate.fuel == pytest.approx(single.certificate.fuel, rel=1e-3)

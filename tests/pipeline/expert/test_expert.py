@@ -15,10 +15,11 @@ from scipy.spatial import cKDTree
 
 from pipeline.errors import InputError
 from pipeline.expert import BEST, FIRST_SAFE, SEEDS, Settings, solve, solve_many
+from pipeline.expert.conic import by_cones
 from pipeline.expert.decoupled import goal_miss
 from pipeline.expert.scp import Search
 from pipeline.expert.seeds import line_seed
-from pipeline.expert.solvers import SOLVERS, by_simplex
+from pipeline.expert.solvers import by_simplex
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.problem import Problem
@@ -104,14 +105,14 @@ def test_the_optimum_is_that_of_the_last_basis_too(monkeypatch):
         best = by_simplex(sub)
         assert sub.last is not None
         begun.append(bool((~sub.last.row).any()))
-        other = SOLVERS["clarabel"](replace(sub, last=None))
+        other = by_cones(replace(sub, last=None))
         cost, least = (
             np.abs(one.controls).sum() + sub.penalty * one.slack.sum() for one in (best, other)
         )
         assert cost == pytest.approx(least, rel=1e-5)
         return best
 
-    monkeypatch.setitem(SOLVERS, "simplex", checked)
+    monkeypatch.setattr("pipeline.expert.scp.by_simplex", checked)
     for index in range(5):
         assert solve(draw("rings", 10, 20, index, PROBLEM)).status == SOLVED
     assert any(begun)  # with half-spaces that were tight before
@@ -137,7 +138,7 @@ def test_all_solvers_lead_to_the_same_plan(monkeypatch):
     """The third is cvxpy's form of the subproblem."""
     scenarios = [draw("rings", 0, 8, index, PROBLEM) for index in range(3)]
     plans = [solve_many(scenarios, settings=Settings(solver=s)) for s in ("simplex", "clarabel")]
-    monkeypatch.setitem(SOLVERS, "simplex", readable.solve)
+    monkeypatch.setattr("pipeline.expert.scp.by_simplex", readable.solve)
     plans.append(solve_many(scenarios))
     for each in zip(*plans, strict=True):
         fuel = [plan.certificate.fuel for plan in each]
@@ -274,7 +275,7 @@ def test_a_solver_that_fails_at_one_cluster_does_not_drop_the_others(monkeypatch
         return real(sub)
 
     assert solve(scenario).status == SOLVED
-    monkeypatch.setitem(SOLVERS, "simplex", fails_at_the_first)
+    monkeypatch.setattr("pipeline.expert.scp.by_simplex", fails_at_the_first)
     plan = solve(scenario)
     assert plan.status == UNSOLVED
     assert "the convex solver stopped with NumericalError" in plan.message
