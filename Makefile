@@ -144,12 +144,11 @@ lint: $(BIN)/pytest ## ruff, mypy, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside their peers; planning as flown; published cases
+bench: $(BIN)/prolearn ## how fast the expert and a training epoch are, beside their peers; published cases
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.expert --out reports/bench
 	$(BIN)/python -m benchmarks.training --out reports/bench
 	$(BIN)/python -m benchmarks.fallback --out reports/bench
-	$(BIN)/python -m benchmarks.as_flown --out reports/bench
 	$(BIN)/python -m benchmarks.yardstick
 	$(BIN)/python -m benchmarks.growth
 
