@@ -1,30 +1,30 @@
-"""Benchmark of the expert's run time: other time grids, dense swarms, batches.
+"""Benchmark of the expert's run time: other time grids, dense swarms.
 
     python -m benchmarks.expert --out reports/bench
 
 Times are CPU times of one core. Prints tables, and writes expert.json. ``benchmarks.yardstick``
-compares it with other planners, ``benchmarks.growth`` shows how it grows with the number of craft.
+compares it with other planners, ``benchmarks.growth`` shows how it grows with the number of craft,
+and ``benchmarks.fallback`` measures batches.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from resource import RUSAGE_SELF, getrusage
 from time import process_time
-from typing import Any
+from timeit import timeit
 
 import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
 from benchmarks.tables import BENCH, OutOption, TableRow, quartiles, show, write_json
-from pipeline.expert import BEST, FIRST_SAFE, Settings, solve, solve_many
+from pipeline.expert import BEST, Settings, solve, solve_many
 from pipeline.orbit.problem import Problem
 from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario, draw
 
 SEED = 2022
-BATCHES = {10: 250, 30: 40, 100: 8}  # instances by swarm size that are planned together
 CROWDS = {10: 40, 20: 10, 30: 10, 80: 4}  # instances of the family dense by swarm size
 
 MANY_STARTS, SEARCHED = 32, 30
@@ -34,19 +34,15 @@ DEFAULT = Settings()
 NODES = (6, 11, 21, 41, 61)
 ORBITS = (0.25, 0.5, 1.0, 2.0)
 
-Work = Callable[[Any], object]
-
 
 def main(out: OutOption = BENCH) -> None:
     """Run all and print tables."""
     with threadpool_limits(1):
         grids = _grids()
         show("n = 10 on other grids and durations", grids)
-        batches = [_batch(n, count) for n, count in BATCHES.items()]
-        show("Alone and in a batch", batches)
         crowds = [row for n, count in CROWDS.items() for row in _crowd(n, count)]
         show("Dense swarms", crowds)
-    write_json(out / "expert.json", {"grids": grids, "batches": batches, "crowds": crowds})
+    write_json(out / "expert.json", {"grids": grids, "crowds": crowds})
 
 
 def _drawn(
@@ -68,17 +64,6 @@ def _grids() -> list[TableRow]:
     ]
 
 
-def _batch(n: int, count: int) -> TableRow:
-    scenarios = _drawn(n, count)
-    solve_many(scenarios)
-    row: TableRow = {"n": n, "instances": count}
-    for name, settings in (("", DEFAULT), ("first_safe_", FIRST_SAFE)):
-        alone = sum(_time(partial(solve, settings=settings), one) for one in scenarios)
-        together = _time(partial(solve_many, settings=settings), scenarios)
-        row |= {f"{name}ms": 1e3 * alone / count, f"{name}batch_ms": 1e3 * together / count}
-    return row
-
-
 def _crowd(n: int, count: int) -> list[TableRow]:
     scenarios = _drawn(n, count, "dense")
     size = np.mean([np.abs(s.initial[:, :3]).max() for s in scenarios])
@@ -97,8 +82,8 @@ def _measured(
 ) -> TableRow:
     """Time and quality of the expert on some instances, and the most memory so far."""
     solve(scenarios[0])
-    count, work = len(scenarios), partial(solve, settings=settings)
-    times = np.array([_time(work, s) for s in scenarios]) * 1e3
+    count, once = len(scenarios), partial(timeit, timer=process_time, number=1)
+    times = np.array([once(partial(solve, s, settings=settings)) for s in scenarios]) * 1e3
     plans = solve_many(scenarios, settings=settings)
     return {
         **head,
@@ -111,12 +96,6 @@ def _measured(
         "safe": f"{sum(p.status == SOLVED for p in plans)}/{count}",
         "peak_mib": getrusage(RUSAGE_SELF).ru_maxrss / 1024,
     }
-
-
-def _time(work: Work, what: Any) -> float:
-    started = process_time()
-    work(what)
-    return process_time() - started
 
 
 if __name__ == "__main__":
