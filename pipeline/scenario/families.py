@@ -132,10 +132,7 @@ Problems = tuple[Problem, Problem]  # with the reference orbit as at the first a
 def _ring(
     a: float, tilt: float, phases: Float[Array, "m"], cross: float = 0.0, offset: float = 0.0
 ) -> RingElements:
-    elements = np.empty((len(phases), 5))
-    elements[:] = a, tilt, 0.0, cross, offset
-    elements[:, 2] = phases
-    return elements
+    return np.stack(np.broadcast_arrays(a, tilt, phases, cross, offset), axis=1)
 
 
 def _states(elements: Sequence[RingElements], problem: Problem) -> Formations:
