@@ -17,7 +17,7 @@ from pipeline.text import visible
 TURN = 0.002  # largest angle by which the reference turns in a step, rad
 
 
-def write_basilisk(plan: Plan, path: Path, masses: Masses | None = None) -> None:
+def write_basilisk(plan: Plan, path: Path, masses: Masses) -> None:
     """Write the script, which needs Basilisk (PyPI: bsk) and numpy alone; it appears whole.
 
     Craft and a chief, the reference orbit, start at the first node about the Earth of the plan's
@@ -52,7 +52,7 @@ def write_basilisk(plan: Plan, path: Path, masses: Masses | None = None) -> None
         initial=(origin + frame.to_inertial(scenario.initial)).tolist(),
         goals=scenario.goal[:, :3].tolist(),
         names=f"[{', '.join(names)}]" * any(one.name for one in scenario.craft),
-        masses=(np.ones(n) if masses is None else np.nan_to_num(masses.mass, nan=1.0)).tolist(),
+        masses=np.nan_to_num(masses.mass, nan=1.0).tolist(),
         burns=[(*at, *u) for at, u in zip(table, burns.acceleration.tolist(), strict=True)],
         drag=drag,
         earth_rate=EARTH_RATE,

@@ -154,9 +154,7 @@ def _relative(plan: Plan, time: Float[Array, "K q"]) -> Float[Array, "n K q 6"]:
     return np.matvec(A, plan.states[:, :-1, None]) + np.matvec(B, plan.controls[:, :, None])
 
 
-def write_orbit_parameters(
-    plan: Plan, folder: Path, name: str, masses: Masses | None
-) -> list[Path]:
+def write_orbit_parameters(plan: Plan, folder: Path, name: str, masses: Masses) -> list[Path]:
     """Write an OPM for each craft into a folder: its state at the first node, mass and burns.
 
     A manoeuvre is the velocity that a burn adds, in EME2000. Objects are named by ``name``.
@@ -182,7 +180,7 @@ def write_orbit_parameters(
         keys = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
         for key, value in zip(keys, (states[craft] / 1e3).tolist(), strict=True):
             yield f"{key} = {value:.15g}"
-        if masses is not None and not np.isnan(masses.mass[craft]):
+        if not np.isnan(masses.mass[craft]):
             yield f"MASS = {masses.mass[craft]:.15g}"
         for row in np.flatnonzero(burns.craft == craft).tolist():
             thrust = " ".join(f"{u:.12e}" for u in burns.acceleration[row].tolist())

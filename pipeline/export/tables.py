@@ -70,28 +70,27 @@ def write_parquet(plan: Plan, path: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Masses:
-    """Masses of craft, and the specific impulse of their thrusters."""
+    """Masses of craft, and the specific impulses of their thrusters; NaN where not known."""
 
-    mass: Float[Array, "n"]  # at the first node, kg; NaN where it is not known
-    specific_impulse: Float[Array, "n"] | None = None  # s; None: no propellant is counted
+    mass: Float[Array, "n"]  # at the first node, kg
+    specific_impulse: Float[Array, "n"]  # s; without it no propellant is counted
 
     @classmethod
     def of(
-        cls, n: int, mass: NumberOrEach | None, specific_impulse: NumberOrEach | None = None
-    ) -> "Masses | None":
-        """Masses, kg, and specific impulses, s, of n craft; None where no mass is given.
+        cls, n: int, mass: NumberOrEach | None = None, specific_impulse: NumberOrEach | None = None
+    ) -> "Masses":
+        """Masses, kg, and specific impulses, s, of n craft.
 
         Each is one number for all craft, or one for each, None where it is not known. InputError
         for other counts, numbers out of range, or specific impulses without masses.
         """
         if mass is None and specific_impulse is not None:
             raise InputError("specific_impulse is given without mass; expected both.")
-        given = {"mass": mass, "specific_impulse": specific_impulse}
-        held = {k: _per_craft(k, one, n) for k, one in given.items() if one is not None}
-        return cls(**held) if held else None
+        impulse = _per_craft("specific_impulse", specific_impulse, n)
+        return cls(_per_craft("mass", mass, n), impulse)
 
 
-def _per_craft(name: str, given: NumberOrEach, n: int) -> Float[Array, "n"]:
+def _per_craft(name: str, given: NumberOrEach | None, n: int) -> Float[Array, "n"]:
     values = np.atleast_1d(np.array(as_lists(given), dtype=object))
     fine = all(one is None or (is_number(one) and LEAST <= one <= MOST) for one in values.flat)
     if not fine or values.shape not in ((1,), (n,)):
@@ -120,7 +119,7 @@ class Burns:
     propellant: Float[Array, "burns"]  # that it takes, kg; NaN where it is not known
 
 
-def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
+def burns_of(plan: Plan, masses: Masses) -> Burns:
     """The burns of a plan; InputError where its states are not what the controls lead to."""
     check_states(plan)
     problem, limits = plan.scenario.problem, plan.scenario.limits
@@ -130,18 +129,15 @@ def burns_of(plan: Plan, masses: Masses | None = None) -> Burns:
     if limits is not None and not isinstance(problem.thrust.model, str):
         fired = allocated_thrusts(plan.controls, limits, problem)
     craft, interval = np.nonzero(used)
-    mass = propellant = np.full(used.shape, np.nan)
-    if masses is not None:
-        mass = np.repeat(masses.mass[:, None], used.shape[1], axis=1)
-        if masses.specific_impulse is not None:
-            exhaust = GRAVITY * masses.specific_impulse[:, None]
-            mass = mass * np.exp(-(np.cumsum(used, axis=1) - used) / exhaust)  # Tsiolkovsky
-            propellant = -mass * np.expm1(-used / exhaust)
+    exhaust, before = GRAVITY * masses.specific_impulse[:, None], np.cumsum(used, axis=1) - used
+    # Tsiolkovsky; a mass from which no propellant is counted stays.
+    mass = masses.mass[:, None] * np.exp(-np.nan_to_num(before / exhaust))
+    propellant = -mass * np.expm1(-used / exhaust)
     at = craft, interval
     return Burns(*at, plan.controls[at], fired[at], used[at], mass[at], propellant[at])
 
 
-def write_burns(plan: Plan, path: Path, masses: Masses | None = None) -> None:
+def write_burns(plan: Plan, path: Path, masses: Masses) -> None:
     """Write the list of burns as CSV, with a header line; the file appears whole, or on stdout.
 
     What is not known is empty: times in UTC without a ``reference``, inertial accelerations where

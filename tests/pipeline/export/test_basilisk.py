@@ -134,7 +134,7 @@ def test_what_a_name_from_a_file_has_in_it_is_no_code(tmp_path):
     planner = '\'"""\nraise SystemExit(7)\n#{{ 7 * 7 }}'
     scenario = replace(rings(n=2), craft=(Spacecraft(name=planner), Spacecraft(mass=3.0)))
     plan = replace(solve(scenario), planner=planner)
-    write_basilisk(plan, tmp_path / '\'+exit(7)+\'""".py')
+    write_basilisk(plan, tmp_path / '\'+exit(7)+\'""".py', Masses.of(plan.scenario.n))
     (script,) = tmp_path.iterdir()
     body = ast.parse(script.read_text(encoding="utf-8")).body
     assigned = {ast.unparse(one.targets[0]): one for one in body if isinstance(one, ast.Assign)}
@@ -155,7 +155,8 @@ def test_a_plan_that_is_nowhere_or_damaged_is_no_script(tmp_path):
     plan = solve(rings(n=2))
     nowhere = replace(plan, scenario=replace(plan.scenario, reference=None))
     with pytest.raises(InputError, match=r'"reference": {.*}.*, or an "orbit": add it'):
-        write_basilisk(nowhere, tmp_path / "s.py")
+        write_basilisk(nowhere, tmp_path / "s.py", Masses.of(plan.scenario.n))
     with pytest.raises(InputError, match="off those that its controls lead to"):
-        write_basilisk(replace(plan, states=plan.states * 1.001), tmp_path / "s.py")
+        wrong = replace(plan, states=plan.states * 1.001)
+        write_basilisk(wrong, tmp_path / "s.py", Masses.of(plan.scenario.n))
     assert list(tmp_path.iterdir()) == []

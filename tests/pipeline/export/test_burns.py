@@ -45,7 +45,7 @@ def made():
 
 
 def rows_of(plan, path, **masses):
-    write_burns(plan, path, Masses.of(plan.scenario.n, **masses) if masses else None)
+    write_burns(plan, path, Masses.of(plan.scenario.n, **masses))
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -194,7 +194,7 @@ def test_an_opm_without_masses_or_a_place_is_refused(made, tmp_path):
     with pytest.raises(InputError, match=r"expected mass \(kg\) and specific_impulse \(s\)"):
         write_orbit_parameters(made, tmp_path, "p", Masses.of(3, 12.0))
     with pytest.raises(InputError, match="such as 12 and 220"):
-        write_orbit_parameters(made, tmp_path, "p", None)
+        write_orbit_parameters(made, tmp_path, "p", Masses.of(3))
     nowhere = replace(made, scenario=replace(made.scenario, reference=None))
     with pytest.raises(InputError, match='"reference"'):
         write_orbit_parameters(nowhere, tmp_path, "p", Masses.of(3, 12.0, 220.0))
@@ -206,11 +206,11 @@ def test_an_opm_without_burns_needs_no_mass(made, tmp_path):
     A, _ = exact_step(problem.mean_motion, problem.duration)
     plan = solve(replace(made.scenario, goal=made.scenario.initial @ A.T))
     assert not plan.controls.any()
-    for name, masses in (("bare", None), ("dry", Masses.of(3, MASS))):
+    for name, masses in (("bare", Masses.of(3)), ("dry", Masses.of(3, MASS))):
         for path in write_orbit_parameters(plan, tmp_path / name, name, masses):
             said = path.read_text()
             assert "MAN_" not in said
-            assert ("MASS" in said) == (masses is not None)
+            assert ("MASS" in said) == (name == "dry")
             state = NdmIo().from_path(path).body.segment.data.state_vector
             assert state.epoch.startswith("2026-03-01T23:55:00.25")
 
