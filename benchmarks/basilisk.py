@@ -21,11 +21,8 @@ STEP, ORBITS = 2.0, 1.1  # of the integration, s; time simulated, in the deputy'
 
 def reconfiguration() -> tuple[float, Float[Array, "6"]]:
     """Δv that the deputy spends, m/s, and by how much it misses its target's differences."""
-    tools = required_module("Basilisk.utilities.SimulationBaseClass", PACKAGE)
-    macros, orbits = (
-        required_module(f"Basilisk.utilities.{m}", PACKAGE) for m in ("macros", "orbitalMotion")
-    )
-    sim, step = tools.SimBaseClass(), macros.sec2nano(STEP)
+    macros, orbits = _module("utilities.macros"), _module("utilities.orbitalMotion")
+    sim, step = _module("utilities.SimulationBaseClass").SimBaseClass(), macros.sec2nano(STEP)
     sim.CreateNewProcess("all").addTask(sim.CreateNewTask("all", step))
     chief, deputy, mu = _craft(sim)
     thrusters, torque, config = _actuators(sim, deputy)
@@ -49,13 +46,17 @@ def reconfiguration() -> tuple[float, Float[Array, "6"]]:
     return float(spent), found - TARGET
 
 
+def _module(name: str) -> Any:
+    """A module of Basilisk; InputError where that is not installed."""
+    return required_module(f"Basilisk.{name}", PACKAGE)
+
+
 def _craft(sim: Any) -> tuple[Any, Any, float]:
     """Chief and deputy about a spherical Earth, and its μ, m³/s²."""
-    module = required_module("Basilisk.simulation.spacecraft", PACKAGE)
-    gravity = required_module("Basilisk.utilities.simIncludeGravBody", PACKAGE).gravBodyFactory()
+    gravity = _module("utilities.simIncludeGravBody").gravBodyFactory()
     earth = gravity.createEarth()
     earth.isCentralBody = True
-    both = [module.Spacecraft(), module.Spacecraft()]
+    both = [_module("simulation.spacecraft").Spacecraft() for _ in range(2)]
     for k, craft in enumerate(both):
         craft.ModelTag = f"craft-{k}"
         craft.hub.mHub, craft.hub.IHubPntBc_B = MASS, np.reshape(INERTIA, (3, 3)).tolist()
@@ -66,10 +67,10 @@ def _craft(sim: Any) -> tuple[Any, Any, float]:
 
 def _actuators(sim: Any, deputy: Any) -> tuple[Any, Any, Any]:
     """Two thrusters of 22 N along one axis, a torque without limits, and the thrusters' message."""
-    effector = required_module("Basilisk.simulation.thrusterDynamicEffector", PACKAGE)
-    thrusters, torque = effector.ThrusterDynamicEffector(), _new("simulation.extForceTorque", "E")
-    factory = required_module("Basilisk.utilities.simIncludeThruster", PACKAGE).thrusterFactory()
-    setup = required_module("Basilisk.utilities.fswSetupThrusters", PACKAGE)
+    thrusters = _module("simulation.thrusterDynamicEffector").ThrusterDynamicEffector()
+    torque = _module("simulation.extForceTorque").ExtForceTorque()
+    factory = _module("utilities.simIncludeThruster").thrusterFactory()
+    setup = _module("utilities.fswSetupThrusters")
     setup.clearSetup()
     for _ in range(2):
         factory.create("MOOG_Monarc_22_6", [0.0] * 3, [1.0] * 3, useMinPulseTime=False)
@@ -83,31 +84,24 @@ def _actuators(sim: Any, deputy: Any) -> tuple[Any, Any, Any]:
     return thrusters, torque, setup.writeConfigMessage()
 
 
-def _new(module: str, first: str = "") -> Any:
-    """An instance of the class that has its module's name, begun with ``first``."""
-    name = module.split(".")[-1]
-    return getattr(required_module(f"Basilisk.{module}", PACKAGE), first + name[len(first) :])()
-
-
 def _guidance(sim: Any, chief: Any, deputy: Any, thrusters: Any, torque: Any, config: Any) -> None:
     """Exact navigation, the burns' schedule, and attitude control by the example's gains."""
-    messages = required_module("Basilisk.architecture.messaging", PACKAGE)
+    messages = _module("architecture.messaging")
     known = messages.VehicleConfigMsgPayload()
     known.ISCPntB_B, known.massSC = list(INERTIA), MASS
     body = messages.VehicleConfigMsg().write(known)
-    navigation = [_new("simulation.simpleNav", "S") for _ in range(2)]
+    navigation = [_module("simulation.simpleNav").SimpleNav() for _ in range(2)]
     for one, craft in zip(navigation, (chief, deputy), strict=True):
         one.scStateInMsg.subscribeTo(craft.scStateOutMsg)
         sim.AddModelToTask("all", one, 4)
-    burns, error, control = (
-        _new(f"fswAlgorithms.{name}")
-        for name in ("spacecraftReconfig", "attTrackingError", "mrpFeedback")
-    )
+    burns = _module("fswAlgorithms.spacecraftReconfig").spacecraftReconfig()
+    error = _module("fswAlgorithms.attTrackingError").attTrackingError()
+    control = _module("fswAlgorithms.mrpFeedback").mrpFeedback()
     burns.chiefTransInMsg.subscribeTo(navigation[0].transOutMsg)
     burns.deputyTransInMsg.subscribeTo(navigation[1].transOutMsg)
     burns.thrustConfigInMsg.subscribeTo(config)
     burns.vehicleConfigInMsg.subscribeTo(body)
-    burns.mu = required_module("Basilisk.utilities.orbitalMotion", PACKAGE).MU_EARTH * 1e9
+    burns.mu = _module("utilities.orbitalMotion").MU_EARTH * 1e9
     burns.attControlTime, burns.targetClassicOED = 400, TARGET
     thrusters.cmdsInMsg.subscribeTo(burns.onTimeOutMsg)
     error.attRefInMsg.subscribeTo(burns.attRefOutMsg)
