@@ -10,7 +10,7 @@ from cli.options import numbers
 from cli.output import echo
 from cli.settings import PlanFile, option
 from pipeline.errors import InputError, error_context
-from pipeline.files import STDIO, stem_of
+from pipeline.files import STDIO, stem_of, write_text
 
 FormatName = Literal["oem", "opm", "csv", "parquet", "burns", "basilisk"]
 
@@ -96,7 +96,7 @@ def show(
         prolearn show plan.json --out plan.html
     """
     from pipeline.plan.document import read_plan
-    from pipeline.show import write_page
+    from pipeline.show import page
 
     with within_memory():
         claimed = read_plan(plan)
@@ -105,7 +105,8 @@ def show(
     if target.is_dir():
         raise InputError(f"--out is the folder {target}; expected the name of a page: plan.html.")
     with within_memory(), error_context(plan):
-        shown = write_page(target, claimed, plan.name)
+        text, shown = page(claimed, plan.name)
+        write_text(target, text)
     _tell(target, " ".join([f"{claimed.scenario.n} craft by {claimed.planner}.", *shown.faults]))
 
 

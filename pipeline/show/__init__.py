@@ -8,7 +8,6 @@ from pathlib import Path
 
 from jinja2.utils import htmlsafe_json_dumps
 
-from pipeline.files import write_text
 from pipeline.markup import template
 from pipeline.plan.plan import Plan
 from pipeline.plan.recheck import Rechecked, recheck
@@ -50,13 +49,6 @@ def page(claimed: Plan, name: str) -> tuple[str, Rechecked]:
         licence=(HERE / "vendor" / "LICENSE").read_text(encoding="utf-8"),
     )
     return text, shown
-
-
-def write_page(path: Path, claimed: Plan, name: str) -> Rechecked:
-    """Write a plan's page, which appears whole, and return the rechecked plan that it shows."""
-    text, shown = page(claimed, name)
-    write_text(path, text)
-    return shown
 
 
 @cache

@@ -18,7 +18,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan.judge import Draft, certified_plan
 from pipeline.scenario import draw
 from pipeline.scenario.spacecraft import Spacecraft
-from pipeline.show import write_page
+from pipeline.show import page
 from prolearn import Ring
 from prolearn.views import HEIGHT
 
@@ -81,7 +81,7 @@ def opened(browser, tmp_path):
         browser.get("about:blank")  # else the last page would be drawn anew in this size
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        write_page(tmp_path / "page.html", plan, name)
+        (tmp_path / "page.html").write_text(page(plan, name)[0], encoding="utf-8")
         browser.get_log("performance")  # what the browser's own first page asks for
         browser.get((tmp_path / "page.html").as_uri())
         wait_for(browser, "return document.documentElement.dataset.drawn === 'yes'")
