@@ -100,6 +100,17 @@ def test_masses_follow_tsiolkovsky(made, tmp_path):
         assert left == pytest.approx(before / np.exp(used / (220 * 9.80665)), rel=1e-12)
 
 
+def test_a_craft_whose_impulse_is_not_known_keeps_its_mass(made, tmp_path):
+    some = [IMPULSE, *[None] * (len(MASS) - 1)]
+    rows = rows_of(made, tmp_path / "b.csv", mass=MASS, specific_impulse=some)
+    both = rows_of(made, tmp_path / "c.csv", mass=MASS, specific_impulse=IMPULSE)
+    of_first = [row for row in rows if row["craft"] == "0"]
+    assert of_first == [row for row in both if row["craft"] == "0"]
+    for row in rows[len(of_first) :]:
+        assert float(row["mass"]) == MASS[int(row["craft"])]
+        assert row["propellant"] == ""
+
+
 def test_what_is_not_known_is_empty(made, tmp_path):
     nowhere = replace(made, scenario=replace(made.scenario, reference=None))
     rows = rows_of(nowhere, tmp_path / "b.csv", mass=2.0)
