@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -32,7 +31,7 @@ from pipeline.progress import SILENT
 from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario, draw, draw_many
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, NewShard, open_ledger, write_shards
+from pipeline.storage.ledger import Ledger, NewShard, open_ledger, sole_writer, write_shards
 from pipeline.storage.shards import decode, digest_of, encode, has_metadata
 
 # Code of ours and packages that the bytes of scenarios depend on
@@ -72,11 +71,12 @@ def sample(
             f"{folder} holds other files ({foreign[0]}) and no dataset; expected a new or an "
             "empty folder."
         )
-    begin = partial(_begin_sampling, folder, samples, problem)
-    with open_ledger(folder, OWNED, begin, workers.progress) as ledger:
-        missing = [s for s in ledger.manifest.expected() if not ledger.is_sound(s.scenarios)]
-        write_shards(ledger, draw_shard, missing, workers)
-    return ledger.manifest
+    with sole_writer(folder, OWNED):
+        manifest = _begin_sampling(folder, samples, problem)
+        with open_ledger(folder, manifest.fields(), workers.progress) as ledger:
+            missing = [s for s in manifest.expected() if not ledger.is_sound(s.scenarios)]
+            write_shards(ledger, draw_shard, missing, workers)
+    return replace(manifest, shards=ledger.shards)
 
 
 def _begin_sampling(folder: Folder, samples: Mapping[int, Sample], problem: Problem) -> Manifest:
@@ -131,15 +131,17 @@ def solve(
     """
     folder, workers = open_folder(where), workers or Workers()
     read_manifest(folder)  # before the lock, which would make a folder
-    begin = partial(_begin_solving, folder, settings, requirements)
-    with open_ledger(folder, OWNED, begin, workers.progress) as ledger:
-        complete(ledger, workers)
-    return ledger.manifest
+    with sole_writer(folder, OWNED):
+        manifest = _begin_solving(folder, settings, requirements)
+        with open_ledger(folder, manifest.fields(), workers.progress) as ledger:
+            complete(manifest, ledger, workers)
+    return replace(manifest, shards=ledger.shards)
 
 
-def complete(ledger: Ledger[Manifest], workers: Workers, spared: Collection[str] = ()) -> None:
+def complete(
+    manifest: Manifest, ledger: Ledger, workers: Workers, spared: Collection[str] = ()
+) -> None:
     """Draw or solve what is missing or damaged, except for the shards of files in ``spared``."""
-    manifest = ledger.manifest
     shards = [s for s in manifest.expected() if not {s.scenarios, s.solved} & {*spared}]
     missing = [s for s in shards if not ledger.is_sound(s.scenarios)]
     if missing:
@@ -162,7 +164,7 @@ def _begin_solving(folder: Folder, settings: Settings, requirements: Requirement
     return replace(manifest, solve=now, made_with=replace(manifest.made_with, solve=versions))
 
 
-def _is_solved(ledger: Ledger[Manifest], shard: Shard) -> bool:
+def _is_solved(ledger: Ledger, shard: Shard) -> bool:
     """Whether a shard is solved and sound; intact ones of a killed run are adopted."""
     name, folder = shard.solved, ledger.folder
 

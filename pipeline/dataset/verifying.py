@@ -27,7 +27,7 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.parallel.workers import Workers
 from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, committed, read_timing_digests, set_aside, sole_writer
+from pipeline.storage.ledger import open_ledger, read_timing_digests, set_aside, sole_writer
 from pipeline.storage.shared import work_on
 
 DIGEST = "does not have the digest that the manifest gives it"
@@ -134,10 +134,10 @@ def repair(
             replaced = fault.path in (COPY, TIMED) or fault.what in REPLACED
             if fault.path not in spared and not replaced and folder.exists(fault.path):
                 workers.progress.say(set_aside(folder, fault.path, *[FOREIGN] * fault.foreign))
-        with committed(Ledger(folder, manifest, workers.progress)) as ledger:
+        with open_ledger(folder, manifest.fields(), workers.progress) as ledger:
             # New timings take a new solve, so plans with faulty timings are dropped too.
             ledger.drop(f.path.removeprefix(TIMINGS) for f in faults if f.path not in spared)
-            complete(ledger, workers, spared)
+            complete(manifest, ledger, workers, spared)
     return faults
 
 

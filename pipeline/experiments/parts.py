@@ -13,7 +13,7 @@ from pipeline.parallel.workers import Workers, check_worker
 from pipeline.progress import Progress
 from pipeline.provenance import DecidedBy, made_with
 from pipeline.storage.folder import Folder
-from pipeline.storage.ledger import Ledger, NewShard, ShardList, open_ledger
+from pipeline.storage.ledger import Ledger, NewShard, listed_shards, open_ledger, sole_writer
 from pipeline.storage.shards import table_bytes, table_from
 
 SCHEMA = "prolearn.parts/1"
@@ -35,7 +35,7 @@ class Part(Generic[Argument]):
 class FinishedParts:
     """Finished parts of one experiment in a folder."""
 
-    ledger: Ledger[ShardList]
+    ledger: Ledger
     decided_by: DecidedBy  # code that decides the tables: workers must have the same versions
 
     def read(self, name: str) -> pd.DataFrame | None:
@@ -62,17 +62,13 @@ def open_parts(
     With ``resume`` parts of an earlier run are used, else removed. InputError where another process
     holds the folder.
     """
-
-    def begin() -> ShardList:
-        if resume:
-            return ShardList.of(folder, SCHEMA)
-        for name in folder.names():
+    with sole_writer(folder, OWNED):
+        for name in () if resume else folder.names():
             if name.endswith(".parquet"):
                 folder.remove(name)
-        return ShardList(SCHEMA, {})
-
-    with open_ledger(folder, OWNED, begin, progress) as ledger:
-        yield FinishedParts(ledger, decided_by)
+        fields = {"schema": SCHEMA, "shards": listed_shards(folder) if resume else {}}
+        with open_ledger(folder, fields, progress) as ledger:
+            yield FinishedParts(ledger, decided_by)
 
 
 def finish_parts(

@@ -12,7 +12,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -29,7 +28,14 @@ from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_othe
 from pipeline.scenario import Scenario
 from pipeline.storage import TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.ledger import Ledger, NewShard, ShardList, open_ledger, write_shards
+from pipeline.storage.ledger import (
+    Ledger,
+    NewShard,
+    listed_shards,
+    open_ledger,
+    sole_writer,
+    write_shards,
+)
 from pipeline.storage.shards import Size, decode, digest_of, encode
 
 SCHEMA = "prolearn.flight/2"
@@ -139,12 +145,13 @@ def fly_all(
         for loop in loops
     }
     folder, workers = open_folder(where), workers or Workers()
-    begin = partial(ShardList.of, folder, SCHEMA)
-    with open_ledger(folder, OWNED, begin, workers.progress) as ledger:
-        every = chain.from_iterable(portions.values())
-        wanted = [portion for portion in every if not _is_done(ledger, portion)]
-        write_shards(ledger, _flown, wanted, workers)
-        return {name: _read(ledger, some, trials) for name, some in portions.items()}
+    with sole_writer(folder, OWNED):
+        fields = {"schema": SCHEMA, "shards": listed_shards(folder)}
+        with open_ledger(folder, fields, workers.progress) as ledger:
+            every = chain.from_iterable(portions.values())
+            wanted = [portion for portion in every if not _is_done(ledger, portion)]
+            write_shards(ledger, _flown, wanted, workers)
+            return {name: _read(ledger, some, trials) for name, some in portions.items()}
 
 
 def _unlike(scenario: Scenario) -> dict[str, Any]:
@@ -160,7 +167,7 @@ def _unlike(scenario: Scenario) -> dict[str, Any]:
     return found
 
 
-def _is_done(ledger: Ledger[ShardList], portion: Portion) -> bool:
+def _is_done(ledger: Ledger, portion: Portion) -> bool:
     """Whether a shard of Monte Carlo trials is complete: undamaged, with timings and all rows.
 
     InputError where it was made with other settings or versions.
@@ -211,7 +218,7 @@ def _flown(portion: Portion, _: bytes) -> NewShard:
     return NewShard(portion.path, content, encode(timings))
 
 
-def _read(ledger: Ledger[ShardList], portions: Sequence[Portion], trials: int) -> Trials:
+def _read(ledger: Ledger, portions: Sequence[Portion], trials: int) -> Trials:
     """The first ``trials`` trials of a loop's portions, with the times of all their plans."""
 
     def sound(name: str, digest: str, most: Size) -> pa.Table:

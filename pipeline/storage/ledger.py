@@ -12,7 +12,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 from time import monotonic
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import pyarrow as pa
 from filelock import FileLock, Timeout
@@ -46,50 +46,22 @@ def read_checked(folder: Folder, name: str) -> dict[str, Any]:
     return without_checksum(fields)
 
 
-@runtime_checkable
-class ShardManifest(Protocol):
-    """A frozen dataclass that lists the shards of a folder."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def shards(self) -> Mapping[str, str]:
-        """SHA-256 of each finished shard, by path inside the folder."""
-
-    def fields(self) -> dict[str, Any]:
-        """Fields of its file, JSON-ready."""
+def listed_shards(folder: Folder) -> dict[str, str]:
+    """SHA-256 of each shard in a folder's manifest, or in its copy; empty without either."""
+    for name in (storage.MANIFEST, storage.COPY):
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            return dict(read_checked(folder, name)["shards"])
+    return {}
 
 
-@dataclass(frozen=True)
-class ShardList:
-    """A manifest that lists shards alone; their metadata says how they were made."""
-
-    schema: str
-    shards: Mapping[str, str]
-
-    @classmethod
-    def of(cls, folder: Folder, schema: str) -> "ShardList":
-        """The list in a folder's manifest, or in its copy; empty without either."""
-        for name in (storage.MANIFEST, storage.COPY):
-            with suppress(OSError, ValueError, KeyError, TypeError):
-                return cls(schema, dict(read_checked(folder, name)["shards"]))
-        return cls(schema, {})
-
-    def fields(self) -> dict[str, Any]:
-        """Fields of its file, JSON-ready."""
-        return {"schema": self.schema, "shards": dict(sorted(self.shards.items()))}
-
-
-Kind = TypeVar("Kind", bound=ShardManifest)
-
-
-class Ledger(Generic[Kind]):
+class Ledger:
     """The manifest of a folder that is being written, kept up to date with its shards."""
 
-    def __init__(self, folder: Folder, manifest: Kind, progress: Progress) -> None:
-        self.folder, self._about, self._progress = folder, replace(manifest, shards={}), progress
-        # SHA-256 of each shard, by its path: grows in place, since a folder may have very many.
-        self.shards = dict(manifest.shards)
+    def __init__(self, folder: Folder, fields: Mapping[str, Any], progress: Progress) -> None:
+        """Begin with the fields of a manifest, among them ``shards``."""
+        self.folder, self._fields, self._progress = folder, fields, progress
+        # SHA-256 of each shard, by its path inside the folder.
+        self.shards = dict(fields["shards"])
         known = read_timing_digests(folder) if folder.exists(storage.TIMED) else {}
         # SHA-256 of each shard of timings, by the path of the shard that they belong to.
         self.timing_digests = dict(known or {})
@@ -98,11 +70,6 @@ class Ledger(Generic[Kind]):
         self._overwritable: dict[str, str] = {}  # digests of intact shards to be overwritten
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._next_commit = -float("inf")
-
-    @property
-    def manifest(self) -> Kind:
-        """A copy of the manifest with its present shards; for single ones use ``shards``."""
-        return replace(self._about, shards=dict(self.shards))
 
     def is_sound(self, name: str) -> bool:
         """Whether a shard has the digest in the manifest; read only where it may have changed."""
@@ -168,13 +135,14 @@ class Ledger(Generic[Kind]):
     def commit(self) -> None:
         """Write the manifest, the digests of timings and the stamps, where they have changed."""
         started = monotonic()
-        now = self.manifest, dict(self.timing_digests), dict(self._stamps)
-        manifest, digests, stamps = self._committed
+        now = dict(self.shards), dict(self.timing_digests), dict(self._stamps)
+        listed, digests, stamps = self._committed
         if self.timing_digests != digests:
             fields = {"schema": TIMED_SCHEMA, "shards": dict(sorted(now[1].items()))}
             write_checked(self.folder, storage.TIMED, fields)
-        if now[0] != manifest:
-            write_checked(self.folder, storage.MANIFEST, now[0].fields(), storage.COPY)
+        if self.shards != listed:
+            fields = {**self._fields, "shards": dict(sorted(now[0].items()))}
+            write_checked(self.folder, storage.MANIFEST, fields, storage.COPY)
         if self._stamps != stamps:
             text = json.dumps(self._stamps, indent=1) + "\n"
             self.folder.publish(storage.STAMPS, text.encode())
@@ -236,7 +204,7 @@ Task = TypeVar("Task", bound=RowsTask)
 
 
 def write_shards(
-    ledger: Ledger[Any],
+    ledger: Ledger,
     make: Callable[[Task, bytes], NewShard],
     tasks: Sequence[Task],
     workers: Workers,
@@ -336,8 +304,13 @@ def _locked(folder: Folder, path: Path) -> AbstractContextManager[object]:
 
 
 @contextmanager
-def committed(ledger: Ledger[Kind]) -> Iterator[Ledger[Kind]]:
-    """A ledger that is committed before and after the block, unless the process is killed."""
+def open_ledger(folder: Folder, fields: Mapping[str, Any], progress: Progress) -> Iterator[Ledger]:
+    """The ledger of a folder that this process holds by ``sole_writer``.
+
+    It begins with the fields of a manifest, and is committed before and after the block, unless the
+    process is killed.
+    """
+    ledger = Ledger(folder, fields, progress)
     ledger.commit()
     try:
         yield ledger
@@ -346,15 +319,6 @@ def committed(ledger: Ledger[Kind]) -> Iterator[Ledger[Kind]]:
             ledger.commit()
         raise
     ledger.commit()
-
-
-@contextmanager
-def open_ledger(
-    folder: Folder, owned: str, begin: Callable[[], Kind], progress: Progress
-) -> Iterator[Ledger[Kind]]:
-    """The ledger of a folder locked for writing; ``begin`` gives its manifest after the lock."""
-    with sole_writer(folder, owned), committed(Ledger(folder, begin(), progress)) as ledger:
-        yield ledger
 
 
 def read_timing_digests(folder: Folder) -> dict[str, str] | None:
