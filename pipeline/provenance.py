@@ -15,6 +15,9 @@ from pipeline.errors import InputError
 # ``:MODULE`` follows a distribution's name, a digest of that module's code goes with its version
 DecidedBy = tuple[tuple[str, ...], tuple[str, ...]]
 
+_PACKAGES = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
+FLIGHT = tuple(f"pipeline/{name}" for name in _PACKAGES)  # code that decides how plans are flown
+
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef  # have docstrings
 DIGITS = 12  # hexadecimal digits of a code's digest that are shown
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.documents import parse_json, validated
 from pipeline.networks.recipes import code_of_others, distribution_of
-from pipeline.provenance import DecidedBy, made_with, version_change
+from pipeline.provenance import FLIGHT, DecidedBy, made_with, version_change
 
 PACKAGES = ("prolearn", "torch", "numpy", "mlflow")
 LOADING = ("prolearn", "mlflow", "numpy", "safetensors", "torch")  # packages that load models
@@ -21,14 +21,9 @@ TRAINED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "networks", "training")),
     ("numpy", "scipy", "numba", "torch"),
 )
-PLANNING = ("orbit", "scenario", "plan", "expert", "networks", "planners", "flight")
 EXPERIMENTS = ("records", "trials", "warmstart", "flights", "example_transfer")
 EVALUATED_BY: DecidedBy = (
-    (
-        *(f"pipeline/{part}" for part in PLANNING),
-        *(f"pipeline/experiments/{k}.py" for k in EXPERIMENTS),
-        "cli/jobs/experiments.py",
-    ),
+    (*FLIGHT, *(f"pipeline/experiments/{k}.py" for k in EXPERIMENTS), "cli/jobs/experiments.py"),
     ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""

@@ -14,7 +14,7 @@ from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
 from pipeline.flight.errors import COLD_GAS, Errors, check_seed
-from pipeline.flight.loops import FEEDBACK, OPEN, Loop, TrialSettings, flight_loops
+from pipeline.flight.loops import FEEDBACK, MARGIN, OPEN, Loop, TrialSettings, flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import Conditions, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
@@ -147,7 +147,7 @@ def _cases(
     every = flight_loops(plan, COLD_GAS, planner)
     loops = list(islice(every, 2) if baseline else every)
     for world, errors, loop in product(in_loops, MAGNITUDES, loops):
-        if errors != exact or loop.name != records.MARGIN:
+        if errors != exact or loop.name != MARGIN:
             yield plan, records.LINEAR, world, errors, loop
     for world in in_loops:
         tracked, planned = plan, records.LINEAR

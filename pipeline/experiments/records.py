@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
+from pipeline.flight.loops import FEEDBACK, MARGIN, OPEN, REPLANNED
+
 # How a plan is read: a network's raw output, as in the paper, which need not obey the dynamics or
 # meet the ends; its projection onto the trajectories that do; or a planner's plan, which does
 PREDICTED, FLOWN, PLAN = "predicted", "flown", "plan"
@@ -67,7 +69,7 @@ PLANNED = LINEAR, AS_FLOWN = LINEAR, "as flown"  # the models that plans are mad
 ERRORS = NO_ERRORS, WITH_ERRORS = "none", "cold gas"  # of thrust and navigation in a flight
 # As planned; planned for a RISK and corrected at every node; planned anew at every node; anew, with
 # more separation asked for than r_col
-LOOPS = OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
+LOOPS = OPEN, FEEDBACK, REPLANNED, MARGIN
 RISK = 1e-3  # collision risk to which plans flown with feedback are limited
 
 

@@ -24,7 +24,7 @@ from pipeline.flight.loops import Loop, TrialSettings
 from pipeline.flight.trials import Trials
 from pipeline.parallel.workers import Workers, check_worker
 from pipeline.planners.planner import identity
-from pipeline.provenance import DecidedBy, made_with, refuse_change, refuse_other_versions
+from pipeline.provenance import FLIGHT, DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
 from pipeline.storage import TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
@@ -41,11 +41,8 @@ from pipeline.storage.shards import Size, decode, digest_of, encode
 SCHEMA = "prolearn.flight/2"
 OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"  # pattern of the names of shards
 # Packages, our own and others, that the bytes of trials depend on
-_OWN = "orbit", "scenario", "plan", "expert", "networks", "planners", "flight"
-MADE_BY: DecidedBy = (
-    tuple(f"pipeline/{part}" for part in _OWN),
-    ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch"),
-)
+_PACKAGES = ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch")
+MADE_BY: DecidedBy = FLIGHT, _PACKAGES
 
 
 def _of_distance(names: Sequence[str]) -> list[pa.Field]:
