@@ -32,7 +32,7 @@ from pipeline.networks.device import torch_device
 from pipeline.networks.model import Model
 from pipeline.networks.recipes import MOST, REFINER
 from pipeline.orbit.problem import Problem
-from pipeline.parallel.workers import Workers
+from pipeline.parallel.workers import ALL_CORES, Workers
 from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import BASELINES, Expert
 from pipeline.planners.network import FallbackPlanner, NetworkPlanner, check_problem
@@ -204,10 +204,9 @@ def listed(values: Iterable[object]) -> str:
 
 
 def evaluate(
-    settings: Evaluation, *, workers: Workers | None = None, resume: bool = False
+    settings: Evaluation, *, workers: Workers = ALL_CORES, resume: bool = False
 ) -> Recorded:
     """Experiments 1 and 2: networks, expert and baselines plan the same scenarios."""
-    workers = workers or Workers()
     check_whole("timed", settings.timed, 0, MOST)
     check_device(settings.device, workers)
     sizes = None if settings.sizes is None else int_list(settings.sizes)
@@ -254,10 +253,9 @@ def warmstart(
 
 
 def transfer_times(
-    settings: TransferTimes, *, workers: Workers | None = None, resume: bool = False
+    settings: TransferTimes, *, workers: Workers = ALL_CORES, resume: bool = False
 ) -> Recorded:
     """Experiment 4: the same ends with other transfer times."""
-    workers = workers or Workers()
     nodes, steps = int_list(settings.nodes, "--nodes"), settings.time_steps
     time_steps = None if steps is None else sorted({*numbers(steps, "--time-step")})
     check_device(settings.device, workers)
@@ -284,12 +282,11 @@ def transfer_times(
     return inputs.run(TRANSFER_TIMES, params, run, resume=resume, progress=workers.progress)
 
 
-def flights(settings: Flights, *, workers: Workers | None = None, resume: bool = False) -> Recorded:
+def flights(settings: Flights, *, workers: Workers = ALL_CORES, resume: bool = False) -> Recorded:
     """Experiment 5: plans are flown, those of networks made safe first where they are not.
 
     Swarms of the paper's largest size fly, too, where the dataset has any.
     """
-    workers = workers or Workers()
     check_flights(settings.flights, settings.seed)
     why = "flights are about orbits of several eccentricities"
     # A refiner alone, since the paper's networks read one T.

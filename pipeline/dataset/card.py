@@ -31,7 +31,7 @@ from pipeline.expert import Settings
 from pipeline.markup import Markdown, code, formatted, table, template, verbatim
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH, mean_motion_at, radius_at
-from pipeline.parallel.workers import Workers
+from pipeline.parallel.workers import ALL_CORES, Workers
 from pipeline.plan.plan import SOLVED
 from pipeline.plan.requirements import AT_ALL_TIMES
 from pipeline.scenario import SPLITS
@@ -172,7 +172,7 @@ def write_card(
     *,
     licence: str = LICENCE,
     replace: bool = False,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
 ) -> str:
     """Write the card of a solved dataset into its folder: Markdown with front matter.
 
@@ -185,7 +185,7 @@ def write_card(
             f"licence is {licence!r}; expected an identifier such as mit or cc-by-4.0."
         )
     folder = open_folder(where)
-    text = _card_text(folder, licence, workers or Workers())
+    text = _card_text(folder, licence, workers)
     present = folder.read(CARD) if folder.exists(CARD) else None
     if present == text.encode():
         return text

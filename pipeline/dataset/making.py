@@ -24,7 +24,7 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES
-from pipeline.parallel.workers import Workers, check_worker
+from pipeline.parallel.workers import ALL_CORES, Workers, check_worker
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import AT_ALL_TIMES, Requirements
 from pipeline.progress import SILENT
@@ -48,14 +48,14 @@ def sample(
     samples: Mapping[int, Sample],
     problem: Problem,
     *,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
 ) -> Manifest:
     """Draw samples, by swarm size, into a new folder or one begun with the same settings.
 
     Present shards are kept. InputError for settings that cannot be sampled or differ from those of
     the folder; ProlearnError where it cannot be written to or workers are killed repeatedly.
     """
-    folder, workers = open_folder(where), workers or Workers()
+    folder = open_folder(where)
     if problem.thrust != ALONG_AXES:
         raise InputError(
             "the problem has thrusters of its own or constraints on burns, and a dataset has no "
@@ -122,14 +122,14 @@ def solve(
     settings: Settings,
     requirements: Requirements = AT_ALL_TIMES,
     *,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
 ) -> Manifest:
     """Solve the unsolved shards of a sampled dataset; damaged shards are made again.
 
     InputError where there is no dataset, another process writes to it, or it was begun with other
     settings; ProlearnError as in ``sample``.
     """
-    folder, workers = open_folder(where), workers or Workers()
+    folder = open_folder(where)
     read_manifest(folder)  # before the lock, which would make a folder
     with sole_writer(folder, OWNED):
         manifest = _begin_solving(folder, settings, requirements)

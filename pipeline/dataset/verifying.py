@@ -24,7 +24,7 @@ from pipeline.dataset.manifest import (
 )
 from pipeline.dataset.physics import row_faults
 from pipeline.errors import InputError, ProlearnError
-from pipeline.parallel.workers import Workers
+from pipeline.parallel.workers import ALL_CORES, Workers
 from pipeline.storage import COPY, FOREIGN, MANIFEST, TIMED, TIMINGS, shards
 from pipeline.storage.folder import Folder, Where, open_folder
 from pipeline.storage.ledger import open_ledger, read_timing_digests, set_aside, sole_writer
@@ -88,9 +88,9 @@ Checks = tuple[Check, ...]
 """Files that are checked together: those of one shard, scenarios first, or a foreign one."""
 
 
-def verify(where: Where | Folder, *, workers: Workers | None = None) -> Iterator[Fault]:
+def verify(where: Where | Folder, *, workers: Workers = ALL_CORES) -> Iterator[Fault]:
     """Every fault of a dataset, solved or not, as it is found; InputError without a manifest."""
-    folder, workers = open_folder(where), workers or Workers()
+    folder = open_folder(where)
     manifest, fault = manifest_or_copy(folder)
     if fault:
         yield Fault(MANIFEST, fault)
@@ -112,7 +112,7 @@ def verify(where: Where | Folder, *, workers: Workers | None = None) -> Iterator
 
 
 def repair(
-    where: Where | Folder, *, yes: bool = False, workers: Workers | None = None
+    where: Where | Folder, *, yes: bool = False, workers: Workers = ALL_CORES
 ) -> list[Fault]:
     """Make exactly the faulty shards again, set foreign files aside, and return the faults.
 
@@ -120,7 +120,7 @@ def repair(
     with sound rows that are not what the manifest says are set aside with ``yes`` only. InputError
     and ProlearnError as in ``solve``.
     """
-    folder, workers = open_folder(where), workers or Workers()
+    folder = open_folder(where)
     manifest_or_copy(folder)  # before the lock, which would make a folder
     with sole_writer(folder, OWNED):
         manifest, _ = manifest_or_copy(folder)

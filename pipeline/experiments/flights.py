@@ -18,7 +18,7 @@ from pipeline.flight.loops import FEEDBACK, MARGIN, OPEN, Loop, TrialSettings, f
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import Conditions, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at
-from pipeline.parallel.workers import Workers
+from pipeline.parallel.workers import ALL_CORES, Workers
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.plan.requirements import RiskLimit
 from pipeline.planners.as_flown import AsFlown
@@ -37,7 +37,7 @@ def run_flights(
     flights: int,
     larger: Sequence[Scenario] = (),
     seed: int = 0,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
     kept: FinishedParts | None = None,
 ) -> pd.DataFrame:
     """Plans of all planners flown in all worlds, with and without errors, in all loops.

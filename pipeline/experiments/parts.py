@@ -76,10 +76,10 @@ def finish_parts(
     make: Callable[[Argument], pd.DataFrame],
     parts: Sequence[Part[Argument]],
     *,
-    workers: Workers | None,
+    workers: Workers,
     kept: FinishedParts | None,
 ) -> list[pd.DataFrame]:
-    """The table of each part, read if kept and else made, by default on all cores of this machine.
+    """The table of each part, read if kept and else made.
 
     The name tells these parts from others of the same experiment.
     """
@@ -88,7 +88,6 @@ def finish_parts(
     tables = {k: table for k, table in found.items() if table is not None}
     # Large swarms take longest: begun last, one would keep a worker when the others are done.
     left = sorted(found.keys() - tables.keys(), key=lambda k: (-parts[k].n, k))
-    workers = workers or Workers()
     workers.progress.expect(len(parts))
     if tables:
         workers.progress.done(len(tables), "kept")

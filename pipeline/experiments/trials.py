@@ -16,7 +16,7 @@ from pipeline.networks.document import EndStates
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions, pair_conflicts
 from pipeline.orbit.transfer import dynamics_defect, fuel, implied_controls, state_weight
-from pipeline.parallel.workers import Workers
+from pipeline.parallel.workers import ALL_CORES, Workers
 from pipeline.plan.judge import is_safe
 from pipeline.plan.plan import SOLVED, Plan
 from pipeline.planners.planner import Planner
@@ -54,7 +54,7 @@ def run_trials(
     comparisons: Sequence[Comparison],
     *,
     timed: int = 0,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
     kept: FinishedParts | None = None,
 ) -> list[pd.DataFrame]:
     """A table of each comparison: a row for each trial, columns of Trial.
@@ -185,7 +185,7 @@ def run_transfer_times(
     scenarios: Sequence[Scenario],
     varied: Sequence[tuple[str, Problem]],
     *,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
     kept: FinishedParts | None = None,
 ) -> pd.DataFrame:
     """Trials of all planners that fit, in every variation, with the same initial and goal states.

@@ -22,7 +22,7 @@ from pipeline.errors import InputError
 from pipeline.flight.least_distances import OF_CORRIDORS, OF_CRAFT, OF_SIZES
 from pipeline.flight.loops import Loop, TrialSettings
 from pipeline.flight.trials import Trials
-from pipeline.parallel.workers import Workers, check_worker
+from pipeline.parallel.workers import ALL_CORES, Workers, check_worker
 from pipeline.planners.planner import identity
 from pipeline.provenance import FLIGHT, DecidedBy, made_with, refuse_change, refuse_other_versions
 from pipeline.scenario import Scenario
@@ -125,7 +125,7 @@ def fly_all(
     loops: Sequence[Loop],
     trials: int,
     *,
-    workers: Workers | None = None,
+    workers: Workers = ALL_CORES,
 ) -> dict[str, Trials]:
     """Fly the trials of each loop that are not in the folder yet; all trials, by the loop's name.
 
@@ -141,7 +141,7 @@ def fly_all(
         ]
         for loop in loops
     }
-    folder, workers = open_folder(where), workers or Workers()
+    folder = open_folder(where)
     with sole_writer(folder, OWNED):
         fields = {"schema": SCHEMA, "shards": listed_shards(folder)}
         with open_ledger(folder, fields, workers.progress) as ledger:

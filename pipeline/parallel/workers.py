@@ -105,6 +105,9 @@ class Workers:
             yield from workers.results(calls)
 
 
+ALL_CORES = Workers()  # a process for each core of this machine
+
+
 @functools.lru_cache(maxsize=1)
 def _thread_pools(_modules: int) -> ThreadpoolController:
     """Thread pools of the loaded libraries, found again once more modules are imported."""
