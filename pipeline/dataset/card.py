@@ -38,7 +38,7 @@ from pipeline.scenario import SPLITS
 from pipeline.scenario.families import FAMILIES
 from pipeline.scenario.part_documents import OrbitDocument
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.shards import read_content
+from pipeline.storage.shards import read_verified
 from pipeline.storage.shared import work_on
 
 HUB_NAMES = dict(zip(SPLITS, ("train", "validation", "test"), strict=True))  # of splits on hubs
@@ -264,9 +264,9 @@ def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[SummaryTask]:
 
 def _read(folder: Folder, task: SummaryTask) -> list[bytes]:
     found = []
-    for shard, _ in task:
+    for shard, digest in task:
         with shard_named(shard, str(folder)):
-            found.append(read_content(folder, shard.solved))
+            found.append(read_verified(folder, shard.solved, digest))
     return found
 
 
@@ -275,9 +275,9 @@ def _summarized(
 ) -> list[tuple[File, pa.Table]]:
     """In a worker: the file and the SUMMARIZED columns of each shard of a task."""
     found = []
-    for (shard, digest), content in zip(task, contents, strict=True):
+    for (shard, _), content in zip(task, contents, strict=True):
         with shard_named(shard, folder):  # one in memory at a time
-            rows = decode_solved(content, shard, digest)
+            rows = decode_solved(content, shard)
         file = File(shard, rows.num_rows, len(content), rows.nbytes)
         found.append((file, rows.select(SUMMARIZED)))
     return found

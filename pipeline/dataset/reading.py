@@ -14,7 +14,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.plan.plan import SOLVED
 from pipeline.scenario import Scenario
 from pipeline.storage.folder import Folder, Where, open_folder
-from pipeline.storage.shards import decode, has_metadata, read_content, verified
+from pipeline.storage.shards import decode, has_metadata, read_verified
 from pipeline.text import as_argument, public_url
 
 TRAINING_COLUMNS = ("initial", "goal", "states")  # columns that training reads
@@ -53,22 +53,16 @@ def read_solved(
 
     ``trusted`` says that it was read and checked before, with the same manifest.
     """
-    digest = manifest.shards[shard.solved]
     with shard_named(shard, str(folder)):
-        content = read_content(folder, shard.solved)
-        return decode_solved(content, shard, digest, columns, trusted=trusted)
+        content = read_verified(folder, shard.solved, manifest.shards[shard.solved])
+        return decode_solved(content, shard, columns, trusted=trusted)
 
 
 def decode_solved(
-    content: bytes,
-    shard: Shard,
-    digest: str,
-    columns: Sequence[str] | None = None,
-    *,
-    trusted: bool = False,
+    content: bytes, shard: Shard, columns: Sequence[str] | None = None, *, trusted: bool = False
 ) -> pa.Table:
     """The rows of a solved shard from its bytes; InputErrors do not name the shard."""
-    table = decode(verified(content, digest), shard.most, columns, trusted=trusted)
+    table = decode(content, shard.most, columns, trusted=trusted)
     if not has_metadata(table, shard.metadata(shard.solved)):
         raise InputError("was made with other settings than the manifest has")
     return table

@@ -220,8 +220,7 @@ def _read(ledger: Ledger, portions: Sequence[Portion], trials: int) -> Trials:
 
     def sound(name: str, digest: str, most: Size) -> pa.Table:
         try:
-            content = shards.read_content(ledger.folder, name)
-            return shards.decode(shards.verified(content, digest), most)
+            return decode(shards.read_verified(ledger.folder, name, digest), most)
         except InputError as error:
             wrong = f"{name} in {ledger.folder} {error}; give the same command again."
             raise InputError(wrong) from error

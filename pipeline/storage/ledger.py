@@ -238,7 +238,7 @@ def _make(
 def _read(folder: Folder, sourced: Sourced[Task]) -> bytes:
     _, name, digest = sourced
     with error_context(f"{name} in {folder}"):
-        return shards.verified(shards.read_content(folder, name), digest) if name else b""
+        return shards.read_verified(folder, name, digest) if name else b""
 
 
 def _written(folder: Folder, shard: NewShard) -> NewShard:

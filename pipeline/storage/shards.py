@@ -78,16 +78,12 @@ def decode(
         raise InputError(f"cannot be read ({first_line(error)})") from error
 
 
-def read_content(folder: Folder, name: str) -> bytes:
-    """A shard's bytes; InputError, which does not name it, where they cannot be read."""
+def read_verified(folder: Folder, name: str, digest: str) -> bytes:
+    """A shard's bytes; InputErrors, of a failed read or another digest, do not name it."""
     try:
-        return folder.read(name)
+        content = folder.read(name)
     except OSError as error:
         raise InputError(f"cannot be read ({folder.reason(error)})") from error
-
-
-def verified(content: bytes, digest: str) -> bytes:
-    """A shard's bytes, verified by their digest; InputError where that differs."""
     if digest_of(content) != digest:
         raise InputError("does not have the digest that the manifest gives it")
     return content
