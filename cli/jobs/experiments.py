@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -127,15 +128,16 @@ class HeldOut:
         self,
         experiment: str,
         params: Mapping[str, Any],
-        make: Callable[[Path, FinishedParts], pd.DataFrame],
+        make: Callable[..., pd.DataFrame],
         *,
         resume: bool,
         progress: Progress,
+        files: Path | None = None,
     ) -> Recorded:
         """Run and record an experiment; with ``resume``, continue or return an earlier run.
 
-        ``params`` are parameters beside the settings. ``make`` is given a folder for the run's
-        files and the parts that are finished, and makes the table, a row for each trial.
+        ``params`` are parameters beside the settings. ``make`` is given the finished parts as
+        ``kept`` and makes the table, a row for each trial; ``files`` is where it puts other files.
         """
         weights = [network.model.digest for network in self.networks]
         params = {
@@ -150,15 +152,10 @@ class HeldOut:
         if resume and (earlier := earlier_run(experiment, params, progress, by)):
             return Recorded(earlier, earlier=True)
         decided = {"params": deciding(params), "networks": weights}
-        with (
-            unfinished_parts(experiment, decided, by, resume=resume, progress=progress) as kept,
-            scratch_folder() as scratch,
-        ):
-            table, used = make(scratch, kept), (self.settings.data, self.digest)
+        with unfinished_parts(experiment, decided, by, resume=resume, progress=progress) as kept:
+            table, used = make(kept=kept), (self.settings.data, self.digest)
             # Last, since a finished run is what ``resume`` looks for.
-            return Recorded(
-                record(experiment, table, by, params=params, files=scratch, dataset=used)
-            )
+            return Recorded(record(experiment, table, by, params=params, files=files, dataset=used))
 
 
 def held_out(
@@ -214,7 +211,7 @@ def evaluate(
     scenarios = inputs.scenarios
     planners = [*classical_planners(), *(network.evaluated for network in inputs.networks)]
 
-    def run(files: Path, kept: FinishedParts) -> pd.DataFrame:
+    def run(kept: FinishedParts) -> pd.DataFrame:
         sizes = [Comparison(planners, some, f"n={n}") for n, some in scenarios.items()]
         tables = run_trials(sizes, timed=settings.timed, workers=workers, kept=kept)
         table = pd.concat(tables, ignore_index=True)
@@ -229,7 +226,9 @@ def evaluate(
         "sizes": listed(sorted(scenarios)),
         "planners": listed(planner.label for planner in planners),
     }
-    return inputs.run(EVALUATION, params, run, resume=resume, progress=workers.progress)
+    told = workers.progress
+    with scratch_folder() as files:
+        return inputs.run(EVALUATION, params, run, resume=resume, progress=told, files=files)
 
 
 def warmstart(
@@ -243,11 +242,7 @@ def warmstart(
     scenarios = inputs.scenarios
     each = [one.evaluated for one in inputs.networks]
     seeds = {(one.label, one.training_seed): one.predictor for one in each if one.predictor}
-
-    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
-        sizes = list(scenarios.values())
-        return run_warmstarts(seeds, sizes, optimizer, kept=kept, progress=progress)
-
+    run = partial(run_warmstarts, seeds, list(scenarios.values()), optimizer, progress=progress)
     params = {"sizes": listed(scenarios), "seeds": listed(label for label, _ in seeds)}
     return inputs.run(WARMSTART, params, run, resume=resume, progress=progress)
 
@@ -271,9 +266,7 @@ def transfer_times(
                 fitting.append(replace(network, problem=problem).evaluated)
         return fitting
 
-    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
-        return run_transfer_times(planners, scenarios, varied, workers=workers, kept=kept)
-
+    run = partial(run_transfer_times, planners, scenarios, varied, workers=workers)
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
         "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
@@ -303,18 +296,15 @@ def flights(settings: Flights, *, workers: Workers = ALL_CORES, resume: bool = F
         replace(one, planner=FallbackPlanner(one.planner), predictor=None)
         for one in (network.evaluated for network in inputs.networks)
     ]
-
-    def run(_: Path, kept: FinishedParts) -> pd.DataFrame:
-        return run_flights(
-            [EvaluatedPlanner(Expert()), *baselines, *safe],
-            scenarios,
-            flights=settings.flights,
-            larger=larger,
-            seed=settings.seed,
-            workers=workers,
-            kept=kept,
-        )
-
+    run = partial(
+        run_flights,
+        [EvaluatedPlanner(Expert()), *baselines, *safe],
+        scenarios,
+        flights=settings.flights,
+        larger=larger,
+        seed=settings.seed,
+        workers=workers,
+    )
     params = {"networks": listed(one.evaluated.label for one in inputs.networks)}
     params["larger"] = f"{len(larger)} of n={LARGEST_SIZE}" if larger else ""
     return inputs.run(FLIGHTS, params, run, resume=resume, progress=workers.progress)
