@@ -67,7 +67,6 @@ class Ledger:
         self.timing_digests = dict(known or {})
         # By shard: size, time of the last change and digest when it was last known to be sound.
         self._stamps = _read_stamps(folder)
-        self._overwritable: dict[str, str] = {}  # digests of intact shards to be overwritten
         self._committed: tuple[Any, ...] = None, known, dict(self._stamps)
         self._next_commit = -float("inf")
 
@@ -95,7 +94,7 @@ class Ledger:
             self.folder.publish(storage.TIMINGS + name, shard.timings)
             self.timing_digests[name] = shards.digest_of(shard.timings)
         if isinstance(content, bytes):
-            content = write(self.folder, name, content, self._overwritable.pop(name, ""))
+            content = write(self.folder, name, content, self.shards.get(name, ""))
         for notice in content.notices:
             self._progress.say(notice)
         if self.shards.get(name, content.digest) != content.digest:
@@ -122,10 +121,6 @@ class Ledger:
         self.shards[name] = digest
         self.timing_digests[name] = shards.digest_of(timings)
         return True
-
-    def allow_overwriting(self, name: str) -> None:
-        """Let a longer shard overwrite this intact one, which is then not set aside as damaged."""
-        self._overwritable[name] = self.shards[name]
 
     def drop(self, names: Iterable[str]) -> None:
         """Drop shards from the manifest."""
@@ -159,15 +154,15 @@ class WrittenShard:
     notices: Sequence[str] = ()  # sentences for the user
 
 
-def write(folder: Folder, name: str, content: bytes, overwritable: str = "") -> WrittenShard:
+def write(folder: Folder, name: str, content: bytes, known: str = "") -> WrittenShard:
     """Write a shard, unless it is there; another file of its name is set aside as damaged.
 
-    A file of the digest ``overwritable`` is overwritten instead.
+    A file of the digest ``known`` is intact and, as of fewer rows, overwritten.
     """
     digest, exists = shards.digest_of(content), folder.exists(name)
     notices = []
     if not (exists and _has_digest(folder, name, digest)):
-        if exists and not (overwritable and _has_digest(folder, name, overwritable)):
+        if exists and not (known and _has_digest(folder, name, known)):
             notices.append(set_aside(folder, name))
         folder.publish(name, content)
     return WrittenShard(digest, folder.stamp(name), notices)
