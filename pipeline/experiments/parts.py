@@ -84,23 +84,22 @@ def finish_parts(
     The name tells these parts from others of the same experiment.
     """
     paths = [f"table={name}/part-{number:05d}.parquet" for number in range(len(parts))]
-    found = {k: kept.read(path) if kept else None for k, path in enumerate(paths)}
-    tables = {k: table for k, table in found.items() if table is not None}
+    tables = [kept.read(path) if kept else None for path in paths]
+    tasks = [(k, parts[k]) for k, table in enumerate(tables) if table is None]
     # Large swarms take longest: begun last, one would keep a worker when the others are done.
-    left = sorted(found.keys() - tables.keys(), key=lambda k: (-parts[k].n, k))
+    tasks.sort(key=lambda task: -task[1].n)
     workers.progress.expect(len(parts))
-    if tables:
-        workers.progress.done(len(tables), "kept")
+    if len(tasks) < len(parts):
+        workers.progress.done(len(parts) - len(tasks), "kept")
     decided_by = kept.decided_by if kept else ((), ())
     make_part = partial(_make_part, make, decided_by, made_with(*decided_by))
-    tasks = [(k, parts[k]) for k in left]
     with closing(workers.work(make_part, tasks, lambda _: b"")) as results:
         for (number, part), table in results:
             if kept:
                 kept.write(paths[number], table)
             tables[number] = table
             workers.progress.done(note=part.note)
-    return [tables[number] for number in range(len(parts))]
+    return [table for table in tables if table is not None]
 
 
 def _make_part(
