@@ -11,13 +11,14 @@ from matplotlib.ticker import PercentFormatter
 
 from pipeline.experiments import averages, records
 from pipeline.experiments.averages import PLANNER, RECIPE, N, average
-from pipeline.experiments.records import AS_FLOWN, LINEAR, LOOPS, NO_ERRORS, OPEN, TYPICAL
+from pipeline.experiments.records import AS_FLOWN, LINEAR, LOOPS, NO_ERRORS, TYPICAL
 from pipeline.experiments.verdicts import ANY, DECOUPLED, SAFE, Finding, Rules, decide
 from pipeline.figures import labels
 from pipeline.figures.intervals import at_most, clustered_interval
 from pipeline.figures.labels import error, number, planner_label, ratio, share
 from pipeline.figures.style import GREY, PAGE_WIDTH, Style, fit_scale, in_style
 from pipeline.figures.tables import Column, Picture, Section, Table
+from pipeline.flight import FEEDBACK, OPEN
 from pipeline.flight.trials import SIZE
 
 CONDITION = ["world", "errors", "loop"]  # columns that identify how a plan was flown
@@ -106,9 +107,9 @@ def in_loops(summary: pd.DataFrame) -> pd.DataFrame:
 
     Worlds in which nothing was flown with feedback are left out.
     """
-    chosen = (summary["planned"] == LINEAR) | (summary["loop"] == records.FEEDBACK)
+    chosen = (summary["planned"] == LINEAR) | (summary["loop"] == FEEDBACK)
     key = ["n", "world"]
-    worlds = summary.loc[summary["loop"] == records.FEEDBACK, key].drop_duplicates()
+    worlds = summary.loc[summary["loop"] == FEEDBACK, key].drop_duplicates()
     return summary[chosen].merge(worlds, on=key)
 
 

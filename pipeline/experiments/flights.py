@@ -13,8 +13,9 @@ from pipeline.experiments import records
 from pipeline.experiments.parts import FinishedParts, Part, finish_parts
 from pipeline.experiments.trials import EvaluatedPlanner
 from pipeline.figures.labels import BASELINES
+from pipeline.flight import FEEDBACK, MARGIN, OPEN
 from pipeline.flight.errors import COLD_GAS, Errors, check_seed
-from pipeline.flight.loops import FEEDBACK, MARGIN, OPEN, Loop, TrialSettings, flight_loops
+from pipeline.flight.loops import Loop, TrialSettings, flight_loops
 from pipeline.flight.trials import SIZE
 from pipeline.flight.world import Conditions, LinearWorld, NonlinearWorld, World
 from pipeline.orbit.reference import radius_at

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
-from pipeline.flight.loops import FEEDBACK, MARGIN, OPEN, REPLANNED
+from pipeline.flight import FEEDBACK, MARGIN, OPEN, REPLANNED
 
 # How a plan is read: a network's raw output, as in the paper, which need not obey the dynamics or
 # meet the ends; its projection onto the trajectories that do; or a planner's plan, which does

@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.errors import InputError, check_whole
 from pipeline.expert import BackOff, Trajectory, with_back_off
+from pipeline.flight import FEEDBACK, MARGIN, OPEN, REPLANNED
 from pipeline.flight.closed_loop import ClosedLoop, asked_with_margin, without_craft
 from pipeline.flight.effects import refuse_distance
 from pipeline.flight.errors import Errors, check_seed, draws, lost_thrust
@@ -23,8 +24,6 @@ from pipeline.plan.requirements import Requirements
 from pipeline.planners.planner import Planner
 from pipeline.scenario import Scenario
 
-# Names of the loops
-OPEN, FEEDBACK, REPLANNED, MARGIN = "open loop", "feedback", "replanned", "with margin"
 PORTION = 50  # largest number of trials in a batch
 ON_GPU = 10  # times as many on a GPU, to keep it busy
 MOST_TRIALS = 10_000_000  # of one Monte Carlo
