@@ -127,9 +127,7 @@ class Manifest:
     def fields(self) -> dict[str, Any]:
         """Fields of its file, JSON-ready."""
         fields = {"schema": SCHEMA, **asdict(self), "problem": self.problem.document()}
-        for part in ("samples", "shards"):
-            fields[part] = dict(sorted(fields[part].items()))
-        return fields
+        return {**fields, "samples": dict(sorted(fields["samples"].items()))}
 
     def expected(self) -> "list[Shard]":
         """All shards that it shall hold, in order."""

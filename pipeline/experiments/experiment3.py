@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import product
+from itertools import product, starmap
 from typing import Any
 
 import numpy as np
@@ -214,19 +214,22 @@ OURS: Rules = (
 
 def findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
     """Whether the plans of each group of networks speed up the optimizers that they seed."""
-    ratios = {optimizer: _ratios(warmstarts, optimizer) for optimizer in NAMES}
-    baseline = "; ".join(_seed_ratios(name, found) for name, found in ratios.items() if len(found))
-    for group in verdicts.groups(map(planner_of, set(warmstarts["seed"]) - {NO_SEED})):
-        mine = {name: found[_is_of(group, found.index)] for name, found in ratios.items()}
-        if not any(map(len, mine.values())):
+    runs = warmstarts.assign(planner=warmstarts["seed"].map(planner_of))
+    ratios = time_ratios(pd.concat([_converged(runs, name) for name in NAMES]))
+    ratios["planner"] = ratios["seed"].map(planner_of)
+    baseline = "; ".join(starmap(_seed_ratios, _by_optimizer(ratios).items()))
+    for group in verdicts.groups(set(runs["planner"]) - {NO_SEED}):
+        mine = _by_optimizer(group.of(ratios))
+        if not mine:
             continue
-        seeds = warmstarts[_is_of(group, warmstarts["seed"])]
-        several = len(seeds[["seed", "training_seed"]].drop_duplicates()) > 1
+        several = len(group.of(runs)[["seed", "training_seed"]].drop_duplicates()) > 1
         verdict_parts = []
-        if len(plain := mine[PLAIN]):
+        if PLAIN in mine:
+            plain = mine[PLAIN]
             costly, saving = bool((plain[LOW] > 1).all()), bool((plain[HIGH] < 1).all())
             verdict_parts.append(decide(PAPERS, several, costly, saving))
-        if len(ours := mine[EXPERT]):
+        if EXPERT in mine:
+            ours = mine[EXPERT]
             costly, saving = bool((ours[LOW] > 1).all()), bool((ours[HIGH] < 1).any())
             verdict_parts.append(f"with ours, {decide(OURS, costly, saving)}")
         predicate = "plans speed up the optimizer that they seed?"
@@ -236,7 +239,6 @@ def findings(warmstarts: pd.DataFrame) -> Iterator[Finding]:
             f"{(found[HIGH] < 1).sum()} of {len(found)} networks faster beyond chance "
             f"(n = {found['n'].iloc[0]})"
             for name, found in mine.items()
-            if len(found)
         )
         text = "; ".join(verdict_parts)
         yield Finding(question, text[0].upper() + text[1:], numbers, baseline)
@@ -301,16 +303,9 @@ def _on_pairs(
     yield Finding(question, verdict_on_lower(several, lower), numbers)
 
 
-def _is_of(group: verdicts.Group, seeds: "pd.Index[str] | pd.Series[str]") -> Any:
-    return seeds.map(planner_of).isin(group.planners)
-
-
-def _ratios(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
-    """Ratios from ``time_ratios`` by seed, of the runs of ``_converged``."""
-    rows = _converged(warmstarts, optimizer)
-    if NO_SEED not in set(rows["seed"]):
-        return pd.DataFrame(columns=["time_ratio", *ENDS])
-    return time_ratios(rows).set_index("seed")
+def _by_optimizer(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The rows of each optimizer that has any."""
+    return {name: part for name in NAMES if len(part := rows[rows["optimizer"] == name])}
 
 
 def _converged(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
@@ -322,8 +317,8 @@ def _converged(warmstarts: pd.DataFrame, optimizer: str) -> pd.DataFrame:
 def _seed_ratios(optimizer: str, ratios: pd.DataFrame) -> str:
     """Time ratios of the seeds that are no network's, as text."""
     listed = [
-        f"{label_name(str(seed))} {ratio(value)}"
-        for seed, value in ratios["time_ratio"].items()
-        if seed != NO_SEED and not labels.is_network(planner_of(str(seed)))
+        f"{label_name(seed)} {ratio(value)}"
+        for seed, value in zip(ratios["seed"], ratios["time_ratio"], strict=True)
+        if seed != NO_SEED and not labels.is_network(planner_of(seed))
     ]
     return f"{NAMES[optimizer]}: {', '.join(listed)}"
