@@ -1,6 +1,5 @@
 """Runs of experiments in MLflow, with checksums of their files: recorded, found, read, resumed."""
 
-import hashlib
 import json
 import platform
 import re
@@ -272,14 +271,11 @@ def unfinished_parts(
     With ``resume`` those of an earlier run are used where settings, versions and machine are the
     same; else they are removed. InputError where another process is doing the same.
     """
-    versions = dict(made_with(*made_by))
-    settings = {**decided_by, "made_with": versions, "machine": platform.node()}
+    settings = {**decided_by, "made_with": made_with(*made_by), "machine": platform.node()}
     text = json.dumps(settings, sort_keys=True, default=str).encode()
-    name = f"{experiment}-{hashlib.sha256(text).hexdigest()[:KEY_DIGITS]}"
-    place = connect().folder / UNFINISHED
-    folder = open_folder(place / name)
-    with open_parts(folder, made_by, resume=resume, progress=progress) as parts:
+    place = connect().folder / UNFINISHED / f"{experiment}-{digest_of(text)[:KEY_DIGITS]}"
+    with open_parts(open_folder(place), made_by, resume=resume, progress=progress) as parts:
         yield parts
-    shutil.rmtree(place / name, ignore_errors=True)
+    shutil.rmtree(place, ignore_errors=True)
     with suppress(OSError):  # where other experiments are under way
-        place.rmdir()
+        place.parent.rmdir()

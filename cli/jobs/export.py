@@ -94,15 +94,12 @@ def export(
         text = _craft_card(version, model, made, measured)
     else:
         made = export_onnx(model, path, n=n, flown=flown, about=about)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        text = _model_card(supervised, model, made, measured, digest)
+        text = _model_card(supervised, model, made, measured)
     write_text(card, text)
     return made, card
 
 
-def _model_card(
-    version: ModelVersion, model: Model, exported: Exported, measured: Measured, sha256: str
-) -> str:
+def _model_card(version: ModelVersion, model: Model, exported: Exported, measured: Measured) -> str:
     rmse = version.metrics.get("valid_position_rmse")
     times = [(n, f"{seconds * 1e3:.3f}") for n, seconds in exported.seconds.items()]
     nodes = model.problem.nodes
@@ -117,7 +114,7 @@ def _model_card(
         version=version,
         exported=exported,
         encoding=model.encoding,
-        sha256=sha256,
+        sha256=hashlib.sha256(exported.path.read_bytes()).hexdigest(),
         tolerance=f"{TOLERANCE:g}",
         input_scale=", ".join(f"{scale:.4g}" for scale in model.encoding.input_scale),
         target_scale=", ".join(f"{scale:.4g}" for scale in model.encoding.target_scale),

@@ -182,11 +182,6 @@ class Shard:
         """Path of the scenarios that they come from."""
         return SCENARIOS + self.solved
 
-    @property
-    def timings(self) -> str:
-        """Path of the timings of its plans."""
-        return TIMINGS + self.solved
-
     def metadata(self, path: str) -> dict[bytes, bytes]:
         """The schema metadata of a file of it, the scenarios' or that of the solved instances."""
         manifest, sample = self.manifest, self.sample

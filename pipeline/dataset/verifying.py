@@ -162,7 +162,8 @@ def _checks(folder: Folder, manifest: Manifest) -> Iterator[Check]:
         yield Check(shard.scenarios, "scenarios", shard, drawn, counted=counted)
         if manifest.solve:
             yield Check(shard.solved, "solved", shard, solved, counted=rows)
-            yield Check(shard.timings, "timings", shard, timed.get(shard.solved), solved)
+            times = TIMINGS + shard.solved
+            yield Check(times, "timings", shard, timed.get(shard.solved), solved)
 
 
 def _read(folder: Folder, checks: Checks) -> list[bytes | str]:

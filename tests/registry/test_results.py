@@ -18,9 +18,9 @@ from pipeline.flight.montecarlo import MADE_BY
 from pipeline.networks.recipes import architecture_names
 from pipeline.parallel.workers import Workers
 from pipeline.progress import Progress
-from pipeline.provenance import DecidedBy
+from pipeline.provenance import FLIGHT, DecidedBy
 from pipeline.training.loop import Trained
-from registry.environment import EVALUATED_BY, PLANNING, TRAINED_BY, with_architectures
+from registry.environment import EVALUATED_BY, TRAINED_BY, with_architectures
 from registry.metrics import add_model_results
 from registry.models import ModelVersion, resolve
 from registry.results import (
@@ -171,7 +171,7 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
     found = {pattern: sorted(root.glob(pattern)) for pattern in EVALUATED_BY[0]}
     assert all(found.values())
     files = {path.relative_to(root).as_posix() for paths in found.values() for path in paths}
-    decided = files - {f"pipeline/{part}" for part in PLANNING}
+    decided = files - {*FLIGHT}
     assert decided == {
         "pipeline/experiments/example_transfer.py",
         "pipeline/experiments/flights.py",
