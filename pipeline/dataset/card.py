@@ -200,7 +200,7 @@ def write_card(
 
 def _card_text(folder: Folder, licence: str, workers: Workers) -> str:
     manifest = read_manifest(folder)
-    files, rows = _contents(folder, manifest, workers)
+    files, rows = _contents(folder, manifest.expected(), workers)
     name = folder.local.resolve().name if folder.local else str(folder).rstrip("/").split("/")[-1]
     quoted = json.dumps(name, ensure_ascii=False)
     title = f"Certified transfers of spacecraft swarms, n = {ranges(sorted(manifest.samples))}"
@@ -230,13 +230,12 @@ def _column(column: DataColumn) -> tuple[Markdown, str, str, Markdown]:
 
 
 def _contents(
-    folder: Folder, manifest: Manifest, workers: Workers
+    folder: Folder, shards: Sequence[Shard], workers: Workers
 ) -> tuple[list[File], pd.DataFrame]:
-    """The files of a solved dataset in order, and the SUMMARIZED columns of all their rows."""
-    shards = manifest.expected()
-    refuse_unsolved(folder, manifest, shards)
+    """The files of a dataset's shards in order, and the SUMMARIZED columns of all their rows."""
+    refuse_unsolved(folder, shards)
     workers.progress.expect(sum(len(shard.rows) for shard in shards))
-    tasks = _tasks(manifest, shards)
+    tasks = _tasks(shards)
     if workers.jobs == -1 and len(tasks) < FEW_TASKS:
         workers = replaced(workers, jobs=1)
     found: list[tuple[File, pa.Table]] = []
@@ -250,32 +249,27 @@ def _contents(
     return list(files), pa.concat_tables(tables).to_pandas()
 
 
-# A task of a worker: consecutive solved shards with their digests
-SummaryTask = list[tuple[Shard, str]]
-
-
-def _tasks(manifest: Manifest, shards: Sequence[Shard]) -> list[SummaryTask]:
+def _tasks(shards: Sequence[Shard]) -> list[list[Shard]]:
     """All shards in order, grouped in a way that does not depend on the workers."""
     ends = accumulate(shard.most.values for shard in shards)
-    listed = [(shard, manifest.shards[shard.solved]) for shard in shards]
-    groups = groupby(zip(listed, ends, strict=True), lambda pair: pair[1] // VALUES_PER_TASK)
+    groups = groupby(zip(shards, ends, strict=True), lambda pair: pair[1] // VALUES_PER_TASK)
     return [[shard for shard, _ in group] for _, group in groups]
 
 
-def _read(folder: Folder, task: SummaryTask) -> list[bytes]:
+def _read(folder: Folder, shards: Sequence[Shard]) -> list[bytes]:
     found = []
-    for shard, digest in task:
+    for shard in shards:
         with shard_named(shard, str(folder)):
-            found.append(read_verified(folder, shard.solved, digest))
+            found.append(read_verified(folder, shard.solved, shard.digest))
     return found
 
 
 def _summarized(
-    folder: str, task: SummaryTask, contents: Sequence[bytes]
+    folder: str, shards: Sequence[Shard], contents: Sequence[bytes]
 ) -> list[tuple[File, pa.Table]]:
-    """In a worker: the file and the SUMMARIZED columns of each shard of a task."""
+    """In a worker: the file and the SUMMARIZED columns of each of some shards."""
     found = []
-    for (shard, _), content in zip(task, contents, strict=True):
+    for shard, content in zip(shards, contents, strict=True):
         with shard_named(shard, folder):  # one in memory at a time
             rows = decode_solved(content, shard)
         file = File(shard, rows.num_rows, len(content), rows.nbytes)

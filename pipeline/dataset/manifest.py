@@ -131,9 +131,9 @@ class Manifest:
 
     def expected(self) -> "list[Shard]":
         """All shards that it shall hold, in order."""
-        manifest = replace(self, shards={})
-        sizes = sorted(self.samples.items())
-        return [Shard(manifest, n, k) for n, sample in sizes for k in range(sample.shards)]
+        about, sizes = replace(self, shards={}), sorted(self.samples.items())
+        numbers = [(n, k) for n, sample in sizes for k in range(sample.shards)]
+        return [Shard(about, *one, self.shards.get(shard_path(*one), "")) for one in numbers]
 
     def digest(self, n: int | None = None) -> str:
         """Digest of the solved data, all or of one swarm size."""
@@ -142,13 +142,19 @@ class Manifest:
         return hashlib.sha256(json.dumps(solved, sort_keys=True).encode()).hexdigest()
 
 
+def shard_path(n: int, number: int) -> str:
+    """Path of solved instances inside the folder, by swarm size and number of the shard."""
+    return f"n={n}/part-{number:05d}.parquet"
+
+
 @dataclass(frozen=True)
 class Shard:
     """Some rows of a dataset, with all that determines them."""
 
-    manifest: Manifest  # without its digests, which a worker does not need
+    manifest: Manifest  # without its digests, which make it large
     n: int  # swarm size
     number: int  # which of that size's shards
+    digest: str  # of its solved instances; empty where they are not in the manifest
 
     @property
     def sample(self) -> Sample:
@@ -175,7 +181,7 @@ class Shard:
     @property
     def solved(self) -> str:
         """Path of its solved instances inside the folder."""
-        return f"n={self.n}/part-{self.number:05d}.parquet"
+        return shard_path(self.n, self.number)
 
     @property
     def scenarios(self) -> str:

@@ -23,10 +23,10 @@ MEMORY = 2e9  # bytes that training may take for its data by default
 COPIES = 8  # most copies of examples in memory while they are read and encoded
 
 
-def refuse_unsolved(folder: Folder, manifest: Manifest, shards: Iterable[Shard]) -> None:
+def refuse_unsolved(folder: Folder, shards: Iterable[Shard]) -> None:
     """Raise InputError, naming the first shard that is not solved yet."""
     for shard in shards:
-        if shard.solved not in manifest.shards:
+        if not shard.digest:
             raise InputError(
                 f"{folder} is not solved at n={shard.n} ({shard.solved}); run "
                 f"`prolearn solve {as_argument(folder)}` first."
@@ -42,19 +42,14 @@ def without_rows(where: Where | Folder, what: str) -> InputError:
 
 
 def read_solved(
-    folder: Folder,
-    manifest: Manifest,
-    shard: Shard,
-    columns: Sequence[str] | None = None,
-    *,
-    trusted: bool = False,
+    folder: Folder, shard: Shard, columns: Sequence[str] | None = None, *, trusted: bool = False
 ) -> pa.Table:
     """The rows of a solved shard, or some of their columns; InputError where it is damaged.
 
-    ``trusted`` says that it was read and checked before, with the same manifest.
+    ``trusted`` says that it was read and checked before, with the same digest.
     """
     with shard_named(shard, str(folder)):
-        content = read_verified(folder, shard.solved, manifest.shards[shard.solved])
+        content = read_verified(folder, shard.solved, shard.digest)
         return decode_solved(content, shard, columns, trusted=trusted)
 
 
@@ -93,7 +88,7 @@ def solved_rows(
     wanted = None if columns is None else list({*SELECTION_COLUMNS, *columns})
     # At least a schema, where no shard has rows of the split.
     shards = _shards(folder, manifest, n, split) or _shards(folder, manifest, n)[:1]
-    table = pa.concat_tables([read_solved(folder, manifest, shard, wanted) for shard in shards])
+    table = pa.concat_tables([read_solved(folder, shard, wanted) for shard in shards])
     return table if split is None else table.filter(pc.field("split") == split)
 
 
@@ -113,7 +108,7 @@ def solved_examples(
     folder = open_folder(where)
     manifest = read_manifest(folder)
     shards = _shards(folder, manifest, n, split)
-    tables = (read_solved(folder, manifest, shard, SELECTION_COLUMNS) for shard in shards)
+    tables = (read_solved(folder, shard, SELECTION_COLUMNS) for shard in shards)
     count = sum(len(_solved_of_split(table, split)) for table in tables)
     if count == 0:
         raise without_rows(folder, f"solved instance of n={n} in its {split} split")
@@ -123,8 +118,7 @@ def solved_examples(
 
     def read(part: int) -> Examples:
         columns = [*TRAINING_COLUMNS, *SELECTION_COLUMNS]
-        table = read_solved(folder, manifest, shards[part], columns, trusted=True)
-        return _examples(table, n, split)
+        return _examples(read_solved(folder, shards[part], columns, trusted=True), n, split)
 
     return ExampleStream(manifest.problem, n, count, buffer, len(shards), read)
 
@@ -142,7 +136,7 @@ def _shards(folder: Folder, manifest: Manifest, n: int, split: str | None = None
         relation = "in" if len(manifest.samples) > 1 else "="
         raise InputError(f"{folder} has no scenarios of n={n}; expected n {relation} {sizes}.")
     shards = [shard for shard in manifest.expected() if shard.n == n]
-    refuse_unsolved(folder, manifest, shards)
+    refuse_unsolved(folder, shards)
     return [s for s in shards if split is None or split in s.sample.splits_of(s.number)]
 
 

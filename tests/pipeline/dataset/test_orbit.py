@@ -37,7 +37,7 @@ def test_rows_are_sound_and_fly_as_an_integrator_says(tmp_path):
     begin = PROBLEM.orbit.states(np.zeros(1))[0]
     fly = linear_flight(begin, 120.0, 10, 1, partial(pull, j2=True))
     for shard in manifest.expected():
-        rows = read_solved(folder, manifest, shard).to_pylist()
+        rows = read_solved(folder, shard).to_pylist()
         assert len(rows) == 3
         for row in rows:
             assert row["status"] == "solved"
