@@ -80,7 +80,6 @@ class Check:
     kind: Literal["scenarios", "solved", "timings", "foreign"]  # of its content
     shard: Shard | None = None  # that it is meant to hold, or None where it is foreign
     digest: str | None = None  # that the manifest gives it, or None
-    solved: str | None = None  # of timings, the digest of the solved instances
     counted: int = 0  # rows of progress: those of a scenario file count only before the solve
 
 
@@ -157,13 +156,11 @@ def _checks(folder: Folder, manifest: Manifest) -> Iterator[Check]:
     """Every file that is meant to be there."""
     known, timed = manifest.shards, read_timing_digests(folder) or {}
     for shard in manifest.expected():
-        rows, drawn, solved = len(shard.rows), known.get(shard.scenarios), shard.digest or None
-        counted = 0 if manifest.solve else rows
-        yield Check(shard.scenarios, "scenarios", shard, drawn, counted=counted)
+        drawn, rows = known.get(shard.scenarios), len(shard.rows)
+        yield Check(shard.scenarios, "scenarios", shard, drawn, 0 if manifest.solve else rows)
         if manifest.solve:
-            yield Check(shard.solved, "solved", shard, solved, counted=rows)
-            times = TIMINGS + shard.solved
-            yield Check(times, "timings", shard, timed.get(shard.solved), solved)
+            yield Check(shard.solved, "solved", shard, shard.digest or None, rows)
+            yield Check(TIMINGS + shard.solved, "timings", shard, timed.get(shard.solved))
 
 
 def _read(folder: Folder, checks: Checks) -> list[bytes | str]:
@@ -226,7 +223,7 @@ def _decoded(check: Check, content: bytes | str) -> pa.Table | Fault:
         return Fault(name, mismatch)
     # Another run's timings of this solved shard are undamaged if they are encoded to the same
     # bytes: not every byte has a checksum.
-    intact = not mismatch and check.solved is not None and shards.encode(table) == content
+    intact = not mismatch and shard.digest and shards.encode(table) == content
     return Fault(name, TIMED_AGAIN if intact else f"does not have the digest that {TIMED} gives it")
 
 
@@ -273,8 +270,8 @@ def _mismatch(table: pa.Table, check: Check, shard: Shard) -> str:
         return "was made with other settings or versions than the manifest has"
     if table["scenario_id"].to_pylist() != shard.scenario_ids:
         return f"has other rows than the {len(shard.rows)} that the manifest expects"
-    if check.solved is not None:
-        if (table.schema.metadata or {}).get(shards.TIMED_KEY) != check.solved.encode():
+    if check.kind == "timings" and shard.digest:
+        if (table.schema.metadata or {}).get(shards.TIMED_KEY) != shard.digest.encode():
             return f"is not of {shard.solved} as the manifest has it"
         if check.digest is None:
             return UNTIMED
