@@ -113,13 +113,8 @@ def _no_imports_from_here() -> Iterator[None]:
 
 
 def _begin_worker(parent: int) -> None:
-    """Set up a new worker: it ends with its parent process and collects garbage seldom."""
+    """Set up a worker: it collects garbage seldom, and ends when its parent has, even by a kill."""
     collect_garbage_seldom()
-    end_with_parent(parent)
-
-
-def end_with_parent(parent: int) -> None:
-    """End this process, a worker of loky, when the one with this id has ended, even by a kill."""
 
     def watch() -> None:
         while os.getppid() == parent:
