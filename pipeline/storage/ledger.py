@@ -60,7 +60,7 @@ class Ledger:
     def __init__(self, folder: Folder, fields: Mapping[str, Any], progress: Progress) -> None:
         """Begin with the fields of a manifest, among them ``shards``."""
         self.folder, self._fields, self._progress = folder, fields, progress
-        # SHA-256 of each shard, by its path inside the folder.
+        # SHA-256 of each shard, by its path: grows in place, since a folder may have very many.
         self.shards = dict(fields["shards"])
         known = read_timing_digests(folder) if folder.exists(storage.TIMED) else {}
         # SHA-256 of each shard of timings, by the path of the shard that they belong to.
