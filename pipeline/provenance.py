@@ -78,7 +78,8 @@ def _tree_lines(tree: ast.Module) -> Iterator[str]:
             # Absent fields are left out, as later Pythons do.
             if isinstance(value, list) and value:
                 yield f"{name}: {len(value)}"
-                yield from (repr(one) for one in value if not isinstance(one, ast.AST))
+                # In order, as an element may be None: the default of a keyword that has none.
+                yield from ("" if isinstance(one, ast.AST) else repr(one) for one in value)
                 nodes += (one for one in value if isinstance(one, ast.AST))
             elif isinstance(value, ast.AST):
                 yield name

@@ -46,6 +46,7 @@ TOP_LEVEL = re.compile(
 MOST_SHARDS = 200_000  # in a folder; their list alone takes a second to make
 MOST_BYTES = 2**31  # of a shard, which is read whole to be checked; most have some MB
 NUMBER_BYTES, TEXT_BYTES = 9, 256  # the most that a number and the rest of a row take in a shard
+OTHERS = "is no dataset's"  # fault of a manifest that other files have
 REQUIRED = ("separation", "passive_safety")  # requirements recorded with the expert's settings
 
 
@@ -223,6 +224,8 @@ def manifest_or_copy(folder: Folder) -> tuple[Manifest, str]:
     copy = _parsed(folder, COPY)
     if isinstance(copy, Manifest):
         return copy, found
+    if found.startswith(OTHERS):
+        raise InputError(f"{MANIFEST} in {folder} {found}; expected one: give another folder.")
     if folder.exists(MANIFEST):
         raise InputError(
             f"{MANIFEST} in {folder} {found}; delete it and give the command that made the dataset "
@@ -249,7 +252,7 @@ def _parsed(folder: Folder, name: str) -> Manifest | str:
         if schema == SCHEMA:
             return validated(Manifest, document)
         if not str(schema).startswith(FAMILY):
-            raise ValueError(f"its schema is {schema}")
+            return f"{OTHERS} (its schema is {schema})"
     except ValidationError as error:
         return f"is damaged ({first_fault(error)})"
     except (OSError, ValueError, KeyError, TypeError, InputError) as error:

@@ -66,7 +66,7 @@ def open_parts(
         for name in () if resume else folder.names():
             if name.endswith(".parquet"):
                 folder.remove(name)
-        fields = {"schema": SCHEMA, "shards": listed_shards(folder) if resume else {}}
+        fields = {"schema": SCHEMA, "shards": listed_shards(folder, SCHEMA) if resume else {}}
         with open_ledger(folder, fields, progress) as ledger:
             yield FinishedParts(ledger, decided_by)
 

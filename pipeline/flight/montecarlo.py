@@ -143,7 +143,7 @@ def fly_all(
     }
     folder = open_folder(where)
     with sole_writer(folder, OWNED):
-        fields = {"schema": SCHEMA, "shards": listed_shards(folder)}
+        fields = {"schema": SCHEMA, "shards": listed_shards(folder, SCHEMA)}
         with open_ledger(folder, fields, workers.progress) as ledger:
             every = chain.from_iterable(portions.values())
             wanted = [portion for portion in every if not _is_done(ledger, portion)]

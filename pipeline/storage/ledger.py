@@ -11,6 +11,7 @@ from datetime import datetime
 from functools import partial
 from itertools import count
 from pathlib import Path
+from reprlib import repr as brief
 from time import monotonic
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -46,11 +47,20 @@ def read_checked(folder: Folder, name: str) -> dict[str, Any]:
     return without_checksum(fields)
 
 
-def listed_shards(folder: Folder) -> dict[str, str]:
-    """SHA-256 of each shard in a folder's manifest, or in its copy; empty without either."""
+def listed_shards(folder: Folder, schema: str) -> dict[str, str]:
+    """SHA-256 of each shard in a folder's manifest, or in its copy; empty without either.
+
+    InputError where that has another schema, since a ledger would overwrite it.
+    """
     for name in (storage.MANIFEST, storage.COPY):
         with suppress(OSError, ValueError, KeyError, TypeError):
-            return dict(read_checked(folder, name)["shards"])
+            found = read_checked(folder, name)
+            if found["schema"] != schema:
+                raise InputError(
+                    f"{name} in {folder} has the schema {brief(found['schema'])}; expected "
+                    f"{schema!r}, or no file of that name: give another folder."
+                )
+            return dict(found["shards"])
     return {}
 
 

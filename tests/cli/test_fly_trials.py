@@ -267,6 +267,25 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(run, plan, tmp_path, a
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
 
 
+def test_the_folder_of_a_dataset_is_refused_and_its_manifest_stays(run, plan, tmp_path):
+    assert run("sample", "--n", "2", "--count", "2", "--out", "data").returncode == 0
+    kept = {path: path.read_bytes() for path in tmp_path.rglob("data/*.json")}
+    done = run("fly", "plan.json", "--trials", "1", "--jobs", "1", "--out", "data")
+    assert done.returncode == 2
+    assert "in data has the schema 'prolearn.dataset/" in done.stderr
+    assert "expected 'prolearn.flight/2', or no file of that name" in done.stderr
+    assert {path: path.read_bytes() for path in tmp_path.rglob("data/*.json")} == kept
+    assert run("sample", "--n", "2", "--count", "2", "--out", "data").returncode == 0
+
+
+def test_the_folder_of_trials_is_not_one_for_a_dataset(run, flown):
+    folder = str(flown[0] / "plan-flown")
+    done = run("sample", "--n", "2", "--count", "2", "--out", folder)
+    assert done.returncode == 2
+    assert "is no dataset's (its schema is prolearn.flight/2); expected one" in done.stderr
+    assert "delete" not in done.stderr
+
+
 def test_radii_obstacles_and_corridors_have_their_rows_and_columns(run, tmp_path):
     scenario = draw("rings", 1, 6, 0, Problem())
     debris = Obstacle("debris", (30.0, -80.0, 20.0, 0.0, -0.0664, 0.01), radius=10.0)

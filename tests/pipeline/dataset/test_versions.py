@@ -158,6 +158,8 @@ OTHER = (
     WRITTEN.replace("return 2 * x", 'return f"{x}"'),
     WRITTEN.replace("twice", "Twice"),
     WRITTEN.replace("x: float", "x: float = None"),
+    WRITTEN.replace("x: float", "*, x, y=None"),
+    WRITTEN.replace("x: float", "*, x=None, y"),
     WRITTEN.replace('"""Nothing."""', 'what = """Nothing."""'),
 )
 
