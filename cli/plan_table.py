@@ -189,9 +189,10 @@ EXTRA = {
 def _remarks(row: Row) -> list[str]:
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
+        inside = " inside its corridors" if row["corridor"] else ""
         said.append(
-            "in the given order some craft cannot reach its goal within its limits, which is "
-            "proven."
+            f"in the given order some craft cannot reach its goal{inside} within its limits, which "
+            "is proven."
         )
     if row["model_error"] > row["collision_radius"]:
         said.append(

@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.arrays import Array, Float
 from pipeline.errors import ProlearnError
 from pipeline.orbit import chebyshev
-from pipeline.orbit.arrays import Controls, Formation, PerCraft, States, norm
+from pipeline.orbit.arrays import Controls, Formation, PerCraft, States, Values, norm
 from pipeline.orbit.chebyshev import ANGLE, COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
 from pipeline.orbit.corridors import Faces, least_margin
 from pipeline.orbit.drift_search import NO_LENGTH
@@ -112,6 +112,16 @@ class NonlinearFlight:
         linear = np.matvec(A, states[:, :-1, None]) + np.matvec(B, self.controls[:, :, None])
         positions = self.arcs[..., :3]
         return np.asarray(positions - linear[..., :3].reshape(positions.shape))
+
+    def from_linear_at(self, states: States, time: Values) -> Float[Array, "n t 3"]:
+        """As ``from_linear``, at times in s since the first node."""
+        step, pieces = self.problem.time_step, self.arcs.shape[2]
+        interval = np.minimum(time // step, self.problem.intervals - 1).astype(int)
+        along = np.maximum(time / step - interval, 0.0) * pieces
+        piece = np.minimum(along.astype(int), pieces - 1)
+        weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
+        off = self.from_linear(states)[:, interval, piece]
+        return np.asarray(np.einsum("tq,ntqs->nts", weights, off))
 
     def deviation(self, states: States) -> float:
         """Upper bound on the distance of any craft at any time from linear motion, m.

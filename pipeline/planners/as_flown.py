@@ -44,6 +44,8 @@ LIMIT_SHARE = 1 - 1e-3  # of the thrust limit that is left to the planner; corre
 WIDENING = 1.5  # factor on a shortfall of separation or corridor margin, for the next plan
 RISK_WIDENING = 0.05  # separation added where the risk is too large as flown, m
 MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound; beyond it plans are made anew
+SAMPLES = 24  # times of an arc at which its bound counts corridors, besides their begin and end
+MOST_SAMPLES = 4_000  # of all arcs, for which memory is enough
 MOST_PLANS = 4  # plans that are made at most, the first included
 
 Waypoints = tuple[Waypoint, ...]
@@ -159,11 +161,13 @@ def _shifted_to_linear(scenario: Scenario, controls: Controls, states: States) -
 
 def _faces_about(flight: NonlinearFlight, corridors: Sequence[Corridor]) -> Faces:
     """Faces of corridors at single times, less the deviation of a flight from linear motion."""
-    n, linear = len(flight.initial), fly(flight.initial, flight.controls, flight.problem)
-    off, times = flight.from_linear(linear).reshape(n, -1, 3), flight.times().ravel()
-    faces = Faces.of(corridors, n)
-    counts = (faces.begin[:, None] <= times) & (times <= faces.end[:, None])
-    row, at = np.nonzero(counts)
+    n, problem = len(flight.initial), flight.problem
+    faces, linear = Faces.of(corridors, n), fly(flight.initial, flight.controls, problem)
+    each = max(1, min(SAMPLES * flight.arcs.shape[2], MOST_SAMPLES // problem.intervals))
+    grid = np.linspace(0.0, problem.duration, each * problem.intervals + 1)
+    times = np.unique(np.concatenate([grid, faces.begin, faces.end]))
+    off = flight.from_linear_at(linear, times)
+    row, at = np.nonzero((faces.begin[:, None] <= times) & (times <= faces.end[:, None]))
     faces, when = faces[row], times[at]
     offset = faces.offset - np.vecdot(faces.normal, off[faces.craft, at])
     return replace(faces, offset=offset, begin=when, end=when)

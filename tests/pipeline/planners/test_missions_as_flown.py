@@ -293,6 +293,19 @@ def test_the_bound_in_corridors_is_that_of_a_linear_program_about_the_flight():
     assert plan.certificate.fuel_lower_bound == pytest.approx(least, rel=2e-3)
 
 
+@pytest.mark.parametrize("begin", [300.0, 371.0])
+def test_the_bound_of_a_flight_counts_a_corridor_from_where_it_begins(begin):
+    """Early, between nodes; the plan attains the bound but for its margin of 5 cm."""
+    asked = replace(approach(0.01), waypoints=())
+    low, high = (tuple((asked.goal[0, :3] + side).tolist()) for side in (-30.0, 30.0))
+    near = Corridor(Box(low, high), begin, asked.problem.duration, (0,))
+    (plan,) = AsFlown(expert()).plan([replace(asked, corridors=(near,))])
+    (free,) = AsFlown(expert()).plan([replace(asked, corridors=())])
+    assert plan.status == SOLVED, plan.message
+    assert plan.certificate.fuel > 1.5 * free.certificate.fuel
+    assert plan.certificate.optimality_gap < 1e-3
+
+
 def test_where_times_of_waypoints_are_open_the_bound_of_a_flight_counts_corridors():
     """It is that for the times at which the waypoint is passed, which are the best."""
     asked = replace(approach(0.3, 30.0), waypoints=(Waypoint(0, (0.0, -6000.0, 0.0)),))
