@@ -273,6 +273,18 @@ def test_where_times_of_waypoints_are_open_the_bound_is_the_least_of_all_times()
     assert "left out" not in found.fuel_lower_bound_proof
     cheapest = round(found_time(bare) / asked.problem.time_step) - 1
     assert least[cheapest] > 1.05 * least.min()
+    still = np.array([[0.0, 900.0, 0, 0, 0, 0]])  # another craft, in a corridor of its own
+    two = Scenario(
+        asked.problem,
+        np.concatenate([asked.initial, still]),
+        np.concatenate([asked.goal, still]),
+        waypoints=asked.waypoints,
+        corridors=(
+            replace(BOX, craft=(0,)),
+            Corridor(Box((-30.0, 800.0, -20.0), (30.0, 1000.0, 20.0)), 0.0, 1200.0, (1,)),
+        ),
+    )
+    assert planned(two).certificate.fuel_lower_bound == pytest.approx(least.min(), rel=1e-4)
 
 
 def test_a_waypoint_by_no_time_inside_a_corridor_leaves_no_plan():
@@ -301,7 +313,8 @@ def test_some_of_the_craft_alone_need_what_they_need_beside_the_others():
         craft=(strong, weak, Spacecraft()),
         waypoints=(Waypoint(0, (9.0, -200.0, 0.0)), Waypoint(2, (0.0, -60.0, 9.0), None, 360.0)),
         corridors=(
-            Corridor(Box((-10.0, -400.0, -10.0), (10.0, 0.0, 10.0)), 0.0, 700.0, (0, 2)),
+            Corridor(Box((-10.0, -400.0, -10.0), (10.0, 0.0, 10.0)), 0.0, 700.0, (0,)),
+            Corridor(Box((-10.0, -120.0, -10.0), (10.0, 0.0, 10.0)), 0.0, 700.0, (2,)),
             Corridor(Box((-102.0, -400.0, -102.0), (102.0, 0.0, 102.0)), 0.0, 1200.0),
         ),
     )

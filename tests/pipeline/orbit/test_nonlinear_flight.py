@@ -12,6 +12,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.rings import pro_states
+from pipeline.orbit.transfer import fly
 
 RING = pro_states(300.0, 0.6, np.arange(4) * 1.5, 0.3, Problem().mean_motion)
 
@@ -51,6 +52,24 @@ def test_a_flight_is_that_of_arcs_one_after_the_other(name):
         assert np.abs(state - states[:, k + 1])[:, 3:].max() < 1e-9
     assert apart.bound <= apart.distance <= least + 1e-6
     assert 0 <= apart.time <= problem.duration
+
+
+@pytest.mark.parametrize("name", ["windows within an interval", "an eccentric orbit"])
+def test_a_flight_deviates_from_linear_motion_by_what_lies_between_them(name):
+    """At any time, nodes included; the linear motion starts anew at each node."""
+    problem, controls = CASES[name]
+    flown, planned = NonlinearFlight(RING, controls, problem), fly(RING, controls, problem)
+    step, rng = problem.time_step, np.random.default_rng(1)
+    times = np.sort(np.append(rng.uniform(0, problem.duration, 50), [0.0, step, problem.duration]))
+    off = flown.from_linear_at(planned, times)
+    assert np.abs(off).max() > 0.1
+    for place, time in zip(np.moveaxis(off, 1, 0), times, strict=True):
+        k = min(int(time // step), problem.intervals - 1)
+        A, B = problem.dynamics.step(np.array([time - k * step]), np.array([k]))
+        linear = planned[:, k] @ A[0].T + controls[:, k] @ B[0].T
+        since = np.full((problem.intervals, 1), time - k * step)
+        there = flown.between(since)[:, k, 0]
+        np.testing.assert_allclose(place, (there - linear)[:, :3], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", CASES)

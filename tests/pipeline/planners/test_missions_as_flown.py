@@ -322,13 +322,17 @@ def test_where_times_of_waypoints_are_open_the_bound_of_a_flight_counts_corridor
 
 def test_where_goals_are_assigned_the_bound_of_a_flight_counts_corridors():
     asked = approach(0.3, 30.0)
-    (plan,) = AsFlown(GoalAssignment(expert())).plan([replace(asked, goal=asked.goal[::-1])])
-    (same,) = AsFlown(expert()).plan([plan.scenario])
+    given = replace(asked, goal=asked.goal[::-1])
+    (plan,) = AsFlown(GoalAssignment(expert())).plan([given])
+    same, other = AsFlown(expert()).plan([plan.scenario, given])
     assert plan.status == SOLVED, plan.message
     found = plan.certificate.fuel_lower_bound
     assert found == pytest.approx(same.certificate.fuel_lower_bound, rel=1e-3)
     assert plan.certificate.optimality_gap < 0.01
     assert "left out" not in plan.certificate.fuel_lower_bound_proof
+    assert plan.assignment.given_fuel_lower_bound == pytest.approx(
+        other.certificate.fuel_lower_bound, rel=1e-2
+    )
 
 
 def test_where_the_linear_plan_leaves_its_corridor_in_flight_it_is_planned_again():
