@@ -32,6 +32,11 @@ ROUNDING = 1e-9  # tolerance of times at the ends of an interval, as a share of 
 Coordinates = tuple[float, float, float]
 
 
+def _numbers(vector: Coordinates) -> str:
+    """A vector as text, with six digits."""
+    return f"({', '.join(f'{one:.6g}' for one in vector)})"
+
+
 @dataclass(frozen=True)
 class Box:
     """A box along the LVLH axes."""
@@ -49,7 +54,7 @@ class Box:
             )
 
     def __str__(self) -> str:
-        return f"the box from {self.min} to {self.max} m"
+        return f"the box from {_numbers(self.min)} to {_numbers(self.max)} m"
 
     @property
     def faces(self) -> tuple[Float[Array, "F 3"], Float[Array, "F"]]:
@@ -95,7 +100,8 @@ class Cone:
         return np.array(self.axis) / math.hypot(*self.axis)
 
     def __str__(self) -> str:
-        return f"the cone from {self.apex} m along {self.axis}, half-angle {self.half_angle_deg:g}°"
+        apex, axis = _numbers(self.apex), _numbers(self.axis)
+        return f"the cone from {apex} m along {axis}, half-angle {self.half_angle_deg:g}°"
 
     @property
     def edges(self) -> Float[Array, "SIDES 3"]:

@@ -345,7 +345,7 @@ def test_files_keep_corridors_and_false_margins_are_found(tmp_path):
     assert any("corridor.min_margin_bound" in fault for fault in recheck(forged).faults)
     text, _ = page(plan, "approach")
     assert "Least distance inside of a corridor" in text
-    assert "the cone from (0.0, 0.0, 0.0) m" in text
+    assert "the cone from (0, 0, 0) m" in text
 
 
 def test_what_does_not_count_them_refuses_them():
