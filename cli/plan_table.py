@@ -189,7 +189,7 @@ EXTRA = {
 def _remarks(row: Row) -> list[str]:
     said = [f"{row['status']} by {row['planner']}: {row['message']}"] if is_unsolved(row) else []
     if row["assignment"] and row["assignment"]["given_fuel_lower_bound"] is None:
-        inside = " inside its corridors" if row["corridor"] else ""
+        inside = " inside its corridors" if row.get("corridor") else ""
         said.append(
             f"in the given order some craft cannot reach its goal{inside} within its limits, which "
             "is proven."

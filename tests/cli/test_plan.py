@@ -6,6 +6,7 @@ import os
 import pty
 import re
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from judge import judge_plan
 
 from pipeline.expert import decoupled_optima
 from pipeline.orbit.approaches import close_approaches
+from pipeline.orbit.corridors import Box, Corridor
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import node_collisions
 from pipeline.orbit.transfer import fly
@@ -228,6 +230,17 @@ def test_interchangeable_craft_take_the_goals_of_each_other(run, tmp_path):
         shown = row_of(file.stem, done.stdout).split()[-1]
         assert shown == (f"{saving:.1%}" if saving is not None else "–")
     assert "2.json: in the given order some craft cannot reach its goal" in done.stdout
+
+
+def test_where_a_corridor_forbids_the_given_order_that_is_said(run, tmp_path):
+    drawn = draw("rings", 5, 2, 0, Problem(), "valid")
+    low, high = (tuple((drawn.goal[1, :3] + side).tolist()) for side in (-20.0, 20.0))
+    at_the_end = Corridor(Box(low, high), 1100.0, 1200.0, (0,))
+    write_scenario(tmp_path / "s.json", replace(drawn, corridors=(at_the_end,)))
+    done = run("plan", "s.json", "--assignment", "optimal", "--out", "p.json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "p.json").read_text())["assignment"]["slots"] == [1, 0]
+    assert "some craft cannot reach its goal inside its corridors within its limits" in done.stdout
 
 
 @pytest.mark.parametrize("planner", ["expert", "refiner"])
