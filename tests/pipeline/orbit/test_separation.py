@@ -146,6 +146,49 @@ def test_no_close_pair_of_a_large_swarm_is_overlooked(n, spread, speed, share):
     assert known == sorted(set(known), key=lambda one: (one[2], one[0], one[1]))
 
 
+@pytest.mark.parametrize("few", [False, True], ids=["all", "two moved"])
+@pytest.mark.parametrize("chord", range(4))
+@pytest.mark.parametrize("axis", range(3))
+def test_of_many_craft_two_that_meet_head_on_where_their_chords_end_are_found(axis, chord, few):
+    """They are the fastest by far, so that midpoints of their chords are as far apart as can be."""
+    problem, n = Problem(nodes=4), 140
+    start = np.zeros((n, 6))
+    start[:, 1] = 5e3 + 300.0 * np.arange(n)
+    there, time = np.zeros(6), problem.time_step * (1 + chord / 4)
+    there[3 + axis] = 20.0
+    back = np.linalg.inv(cw_matrices(problem.mean_motion, time)[0])
+    start[:2] = back @ there, back @ -there
+    controls = np.zeros((n, 3, 3))
+    moved = np.arange(n) < 2 if few else None
+    states = fly(start, controls, problem)
+    found = close_approaches(states, controls, problem, within=1e-3, moved=moved)
+    assert set(zip(found.first, found.second, strict=True)) == {(0, 1)}
+    assert found.distance.min() < 1e-3
+    assert found.times(problem)[found.distance.argmin()] == pytest.approx(time, abs=1e-3)
+
+
+@pytest.mark.parametrize("n", [2, 140])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_craft_that_turns_back_where_another_waits_is_found(axis, n):
+    """Midway between the ends of its chord, from which it is as far as its thrust can take it."""
+    problem = Problem(nodes=4)
+    e, h = problem.mean_motion, problem.time_step
+    tau, thrust = h / 4 if n > 128 else h, 0.1 * np.eye(3)[axis]
+    start = np.zeros((n, 6))
+    start[:, 1] = 5e3 + 300.0 * np.arange(n)
+    controls = np.zeros((n, 3, 3))
+    controls[0, 1] = thrust
+    turn = np.concatenate([np.zeros(3), -thrust * tau / 2])  # at the first inner node
+    A, B = cw_matrices(e, tau / 2)
+    there = np.concatenate([(A @ turn + B @ thrust)[:3], np.zeros(3)])
+    start[0] = np.linalg.inv(cw_matrices(e, h)[0]) @ turn
+    start[1] = np.linalg.inv(cw_matrices(e, h + tau / 2)[0]) @ there
+    found = close_approaches(fly(start, controls, problem), controls, problem, within=1e-3)
+    assert list(zip(found.first, found.second, found.interval, strict=True)) == [(0, 1, 1)]
+    assert found.distance[0] < 1e-3
+    assert found.times(problem)[0] == pytest.approx(h + tau / 2, abs=0.1)
+
+
 def test_pairs_of_which_neither_moved_are_left_out():
     problem = Problem(nodes=3)
     start = np.zeros((3, 6))
