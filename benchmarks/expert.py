@@ -1,4 +1,4 @@
-"""Benchmark of the expert's run time: other time grids, dense swarms.
+"""Benchmark of the expert's run time on other time grids and for dense swarms.
 
     python -m benchmarks.expert --out reports/bench
 

@@ -144,7 +144,7 @@ class Manifest:
 
 
 def shard_path(n: int, number: int) -> str:
-    """Path of solved instances inside the folder, by swarm size and number of the shard."""
+    """Path of a shard of solved instances inside the folder of its dataset."""
     return f"n={n}/part-{number:05d}.parquet"
 
 

@@ -28,7 +28,7 @@ LINES: Sequence[Mapping[str, Any]] = (
 APART = {"min_separation": "least separation (m)"}
 CLEAR = {"min_clearance": "least clearance (m)"}  # instead, where sizes are not alike
 PANELS = {"goal_error": "error at the goal (m)", "delta_v": "Δv of all craft (m/s)"}
-"""Labels of the axes of the columns that are plotted."""
+"""Axis labels of the columns that are plotted."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is r
 
 
 class DriftingPaths:
-    """A plan of participants flown to its end, and the drift from there for a number of orbits."""
+    """Trajectories of participants: their plan, then free drift for a number of orbits."""
 
     def __init__(
         self,

@@ -13,7 +13,7 @@ from math import ceil
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, Int
 from pipeline.errors import ProlearnError
 from pipeline.orbit import chebyshev
 from pipeline.orbit.arrays import Controls, Formation, PerCraft, States, Values, norm
@@ -115,11 +115,9 @@ class NonlinearFlight:
 
     def from_linear_at(self, states: States, time: Values) -> Float[Array, "n t 3"]:
         """As ``from_linear``, at times in s since the first node."""
-        step, pieces = self.problem.time_step, self.arcs.shape[2]
+        step = self.problem.time_step
         interval = np.minimum(time // step, self.problem.intervals - 1).astype(int)
-        along = np.maximum(time / step - interval, 0.0) * pieces
-        piece = np.minimum(along.astype(int), pieces - 1)
-        weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
+        piece, weights = self._interpolation(time - interval * step)
         off = self.from_linear(states)[:, interval, piece]
         return np.asarray(np.einsum("tq,ntqs->nts", weights, off))
 
@@ -134,12 +132,18 @@ class NonlinearFlight:
 
     def between(self, time: Float[Array, "K t"]) -> Float[Array, "n K t 6"]:
         """States at times since the start of each interval, s."""
-        pieces = self.arcs.shape[2]
-        along = time / self.problem.time_step * pieces
-        piece = np.clip(along.astype(int), 0, pieces - 1)
-        weights = basis(2 * (along - piece) - 1) @ COEFFICIENTS
+        piece, weights = self._interpolation(time)
         each = np.arange(len(time))[:, None]
         return np.asarray(np.einsum("ktq,nktqs->nkts", weights, self.arcs[:, each, piece]))
+
+    def _interpolation(
+        self, since: Float[Array, "*batch"]
+    ) -> tuple[Int[Array, "*batch"], Float[Array, "*batch q"]]:
+        """Arcs of times since the start of an interval, s, and weights of the arcs' points."""
+        pieces = self.arcs.shape[2]
+        along = since / self.problem.time_step * pieces
+        piece = np.clip(along.astype(int), 0, pieces - 1)
+        return piece, basis(2 * (along - piece) - 1) @ COEFFICIENTS
 
 
 def least_after_loss_nonlinear(

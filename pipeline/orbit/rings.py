@@ -134,7 +134,7 @@ def secular_drift(states: Formation, problem: Problem) -> PerCraft:
 
 @lru_cache(maxsize=32)
 def _reference(orbit: ReferenceOrbit) -> tuple[Float[Array, "1 6"], PlanarElements, Frame]:
-    """Inertial state of the reference at the first node, its mean elements, and the LVLH frame."""
+    """Inertial state and mean elements of the reference at the first node, and its LVLH frame."""
     origin, frame = orbit.frames(np.zeros(1))
     mean = mean_elements.mean_states(origin, j2=orbit.j2)
     return origin, PlanarElements.of(mean), frame

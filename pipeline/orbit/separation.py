@@ -77,7 +77,7 @@ def with_closer(
     problem: Problem,
     swarms: SwarmPartition,
 ) -> list[Separation]:
-    """The least separation of each swarm, replaced where a search within it finds an approach."""
+    """Least separation of each swarm: that given, or a closer approach that a search finds."""
     # 0 without a pair, for which nothing is searched
     found = search(np.array([one.distance if one.distance < np.inf else 0.0 for one in least]))
     label, time = swarms.label[found.first], found.times(problem)

@@ -23,7 +23,8 @@ from pipeline.expert.decoupled import (
     goal_miss,
     minimum_fuel,
 )
-from pipeline.orbit.arrays import CraftMask, PerCraft
+from pipeline.orbit.arrays import PerCraft
+from pipeline.orbit.corridors import Faces
 from pipeline.orbit.passive_safety import Ends, allowed_goals
 from pipeline.plan.certificate import gap_of
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSOLVED, Assignment, Plan
@@ -68,7 +69,7 @@ def decoupled_costs(scenario: Scenario) -> DecoupledCosts:
     """
     n = scenario.n
     fuel, exact, proof = _costs_at_once(scenario)
-    exact &= ~_in_corridors(scenario)[:, None]
+    exact[Faces.of(scenario.corridors, n).craft] = False
     asked: Slots = tuple(range(n))
     while asked:
         craft = np.flatnonzero(~exact[range(n), asked])
@@ -100,14 +101,6 @@ def _costs_at_once(scenario: Scenario) -> tuple[Float[Array, "n n"], Bool[Array,
         optima = Batch([free]).optima
         fuel[craft, slots] = np.where(optima.impossible, np.inf, optima.lower_bound)
     return fuel, np.ones((n, n), dtype=bool), PROGRAM
-
-
-def _in_corridors(scenario: Scenario) -> CraftMask:
-    """Which craft must stay inside of a corridor."""
-    found = np.zeros(scenario.n, dtype=bool)
-    for corridor in scenario.corridors:
-        found[list(corridor.craft) or slice(None)] = True
-    return found
 
 
 def _unreachable(scenario: Scenario) -> str:

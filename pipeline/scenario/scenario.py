@@ -190,7 +190,7 @@ class Scenario:
         return replace(self, goal=self.goal[list(slots)])
 
     def only(self, some: Sequence[int]) -> "Scenario":
-        """The scenario of some of the craft, numbered in the order given."""
+        """The scenario with a subset of its craft, renumbered in the order given."""
         number = {k: new for new, k in enumerate(some)}
         corridors = []
         for corridor in self.corridors:

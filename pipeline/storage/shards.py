@@ -79,7 +79,7 @@ def decode(
 
 
 def read_verified(folder: Folder, name: str, digest: str) -> bytes:
-    """A shard's bytes; InputErrors, of a failed read or another digest, do not name it."""
+    """Read a shard and verify its SHA-256; the InputError of a fault does not name it."""
     try:
         content = folder.read(name)
     except OSError as error:

@@ -44,7 +44,7 @@ def flown(scenario, guide, errors=COLD_GAS, trials=TRIALS):
 
 
 def closed(scenario, flies, planner=None, trials=TRIALS, errors=None, back_off=None):
-    """Guidance that filters estimates by the errors, if any, and knows of no loss of thrust."""
+    """Closed-loop guidance with a navigation filter, and without a loss of thrust."""
     nobody = Loss(np.full(trials, -1), np.full(trials, np.nan), np.full(trials, np.inf), 0)
     by = planner or Expert()
     return ClosedLoop(scenario, flies.controls, by, nobody, errors or Errors(), back_off)

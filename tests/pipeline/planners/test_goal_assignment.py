@@ -313,7 +313,7 @@ def test_where_an_end_is_outside_a_corridor_for_every_order_there_is_proven_to_b
 
 
 def inside_by_pair(scenario):
-    """Least fuel of each craft to each goal inside of its corridors, m/s², by HiGHS."""
+    """Minimum fuel of each craft to each goal within its corridors, m/s², by linear programs."""
     craft, found = np.arange(scenario.n), np.zeros((scenario.n, scenario.n))
     for shift in craft:
         slots = (craft + shift) % scenario.n

@@ -174,7 +174,7 @@ def _program(
 
 
 def _fires_within(wanted: np.ndarray, model: np.ndarray, least: float, most: float) -> bool:
-    """Whether a vector is given by thrusts of the least sum that are zero or within a range.
+    """Whether thrusts of least sum, each zero or within a range, produce a vector.
 
     Tries all sets of the thrusters which by the least sum's dual variables may fire.
     """
