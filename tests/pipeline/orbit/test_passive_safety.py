@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from judge import Case, closest_adrift
+from judge.motion import exact_step
 
 from pipeline.errors import InputError
 from pipeline.orbit.drift_search import DriftingPaths
@@ -117,6 +118,53 @@ def position(states, controls, problem, node, since):
     A, B = problem.dynamics.step(time - k * problem.time_step)
     held = controls[:, k] if k < problem.nodes - 1 else np.zeros((len(states), 3))
     return states[:, k] @ A[:3].T + held @ B[:3].T
+
+
+EDGES = [0.02, 0.5, 0.98]
+"""When in an interval craft meet: at both ends of what is left out, and in its middle."""
+
+
+def meetings(flown, problem, orbits):
+    """Of swarms of two that fly so: where the first, adrift, comes within 1 mm of the second."""
+    starts, controls = (np.concatenate(each) for each in zip(*flown, strict=True))
+    states, swarms = fly(starts, controls, problem), swarm_partition((2,) * len(flown))
+    found = loss_encounters(DriftingPaths(states, controls, problem, orbits, swarms), 1e-3)
+    where = np.stack([found.first, found.node, found.interval], axis=1)[found.first % 2 == 0]
+    return {(lost // 2, node, interval) for lost, node, interval in where.tolist()}
+
+
+@pytest.mark.parametrize("step", [20.0, 120.0])
+def test_one_that_turns_back_where_a_craft_is_adrift_is_found(step):
+    """As far from its chord as its thrust takes it; the one adrift stays at the origin."""
+    problem = Problem(time_step=step, nodes=12)
+    e, last, flown, met = problem.mean_motion, problem.intervals, [], set()
+    for k in range(last):
+        controls, ends = np.zeros((2, last, 3)), np.zeros((2, 6))
+        controls[1, k] = 0.1 * np.eye(3)[k % 3]
+        _, pushed = exact_step(e, -step / 2)
+        drifted, _ = exact_step(e, -k * step)
+        ends[1] = drifted @ pushed @ controls[1, k]
+        met |= {(len(flown), node, k) for node in range(k + 1)}
+        flown.append((ends, controls))
+    assert meetings(flown, problem, 0.3) >= met
+
+
+@pytest.mark.parametrize("moment", EDGES)
+@pytest.mark.parametrize("step", [20.0, 120.0])
+def test_one_adrift_that_turns_about_another_is_found(step, moment):
+    """It passes the origin at 50 m/s, which bends its path by 0.1 m/s² off its chord."""
+    problem, orbits = Problem(time_step=step, nodes=6), 0.1
+    e, last, flown, met = problem.mean_motion, problem.intervals, [], set()
+    for k in range(last, last + int(orbits * PERIOD / step)):
+        ends = np.zeros((2, 6))
+        ends[0] = exact_step(e, -(k + moment) * step)[0] @ [0.0, 0.0, 0.0, 0.0, 50.0, 0.0]
+        met |= {
+            (len(flown), node, k)
+            for node in range(problem.nodes)
+            if (k + moment) * step < node * step + orbits * PERIOD
+        }
+        flown.append((ends, np.zeros((2, last, 3))))
+    assert meetings(flown, problem, orbits) >= met
 
 
 def test_swarms_side_by_side_know_nothing_of_each_other():
