@@ -57,7 +57,7 @@ def _inside_corridors(scenario: Scenario) -> Diagnostic:
     ]
     wrong = "ends outside of corridors that count then"
     cure = "move them, widen the corridor or let it begin later or end earlier"
-    fine = "both ends are inside of their corridors"
+    fine = "both ends are inside of their corridors; plan proves whether craft can stay inside"
     return diagnostic_of(INSIDE, "transfer", cases, wrong, cure, fine)
 
 
