@@ -167,6 +167,19 @@ def test_one_adrift_that_turns_about_another_is_found(step, moment):
     assert meetings(flown, problem, orbits) >= met
 
 
+@pytest.mark.parametrize("step", [20.0, 120.0])
+def test_one_adrift_that_turns_back_where_another_hovers_is_found(step):
+    """At a height of 5 km gravity and rotation leave 0.02 m/s², against which the other thrusts."""
+    problem = Problem(time_step=step, nodes=14)
+    e, last, flown, met = problem.mean_motion, problem.intervals, [], set()
+    there, held = np.array([5e3, 0.0, 0.0, 0.0, 0.0, 0.0]), [-3 * e**2 * 5e3, 0.0, 0.0]
+    for k in range(last):
+        ends = np.stack([exact_step(e, -(k + 0.5) * step)[0] @ there, there])
+        met |= {(len(flown), node, k) for node in range(k + 1)}
+        flown.append((ends, np.stack([np.zeros((last, 3)), np.tile(held, (last, 1))])))
+    assert meetings(flown, problem, 0.3) >= met
+
+
 def test_swarms_side_by_side_know_nothing_of_each_other():
     problem = Problem()
     parts = [transfer(seed, n, problem) for seed, n in ((1, 3), (2, 1), (3, 4))]
