@@ -42,7 +42,7 @@ def fly(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a plan's controls about an oblate Earth, and say how far off they lead.
+    """Fly a plan's controls about an oblate Earth: errors at the goals and closest approach.
 
     Every craft is integrated on its own in an inertial frame, from a reference orbit that need
     not be a circle, under two-body gravity, J2 and, if asked for, drag. The table has a row for
@@ -159,12 +159,12 @@ def errors_of(preset: str, changes: Sequence[str]) -> "Errors":
 def _replanned_for(required: "Requirements") -> Iterator[str]:
     """A sentence on requirements of replanning other than separation at all times, if any."""
     if required.at_nodes:
-        yield "Planned anew, craft are kept apart at the nodes only, as in the plan."
+        yield "Replanned, craft are kept apart at the nodes only, as in the plan."
     elif required.passive_safety is not None:
         yield (
-            "Planned anew, craft are also kept apart from any that loses its thrust at a node, for "
-            f"{required.passive_safety:g} orbits of drift, as in the plan; nodes without a safe "
-            "plan are those at which this or r_col was not kept from where craft seemed to be."
+            "Replanned, craft also stay clear of any that loses its thrust at a node, as in the "
+            f"plan. Orbits of drift: {required.passive_safety:g}. Nodes without a safe plan are "
+            "those at which this, or r_col, could not be kept from the estimated states."
         )
 
 

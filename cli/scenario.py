@@ -35,7 +35,7 @@ app = typer.Typer(
     cls=CommandGroup,
     no_args_is_help=True,
     rich_markup_mode="markdown",
-    help="""Scenario files: write one by hand, check one, describe their fields.
+    help="""Scenario files: write one, check one, describe their fields.
 
     Each end of a scenario is raw states, or rings of passive relative orbits.
 

@@ -150,7 +150,7 @@ def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
 
 
 def _fields(kind: type[BaseModel], places: Sequence[str | int]) -> list[str]:
-    """Names of the fields beside the last part of a path into a document."""
+    """Names of all fields of the object that holds the last part of a path into a document."""
     models = [kind]
     for name in (place for place in places[:-1] if isinstance(place, str)):
         fields = [one.model_fields[name] for one in models if name in one.model_fields]

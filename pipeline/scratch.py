@@ -1,4 +1,4 @@
-"""Lock files, the operating system's, that show whether their process lives; scratch folders."""
+"""Scratch folders, and lock files, held by the operating system, that show if their owner lives."""
 
 import os
 import re

@@ -43,7 +43,7 @@ class Point:
 
     @property
     def duration(self) -> float:
-        """Of the transfer, s."""
+        """Duration of the transfer, s."""
         return self.plan.scenario.problem.duration
 
     @property
@@ -53,7 +53,7 @@ class Point:
 
     @property
     def delta_v(self) -> float:
-        """Of the plan, m/s."""
+        """Δv of the plan, all craft, m/s."""
         return self.plan.certificate.delta_v
 
     @property

@@ -136,13 +136,20 @@ def fly(plan: Plan, conditions: Conditions | None = None) -> list[Effect]:
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """Trials of a plan with errors, flown in one way or several."""
+    """Trials of a plan with errors, flown in one way or several.
+
+    Attributes:
+        plan: what was flown.
+        size: distance of two craft's centres at which they may touch, m.
+        trials: by the name of the loop, columns with a value for each trial, in SI units;
+            docs/flight-errors.md has the columns.
+        summaries: of each loop, shares with intervals, and medians.
+    """
 
     plan: Plan
-    size: float  # distance of two craft's centres at which they may touch, m
-    # by loop: columns of a value a trial, SI units
+    size: float
     trials: Mapping[str, Trials] = field(repr=False)
-    summaries: tuple[Summary, ...]  # of each loop: shares with intervals, medians
+    summaries: tuple[Summary, ...]
 
     def figure(self) -> "Figure":
         """For separation, error at the goal and Δv, the share of trials at or below a value."""

@@ -75,7 +75,7 @@ class Plot:
 
 
 def show(plan: Plan, name: str = "plan") -> Page:
-    """A page of a plan: paths with a slider, separations, controls, certificate, found anew."""
+    """A page of a plan: paths with a slider, separations, controls, recomputed certificate."""
     from pipeline.show import page  # slow to import, and only pages need it
 
     check_kind("plan", plan, Plan)

@@ -105,7 +105,7 @@ class ModelVersion:
 
     @property
     def is_own(self) -> bool:
-        """Whether it is where training registers; MLflow can copy and rename to anywhere."""
+        """Whether its model is the one of its training; MLflow can copy and rename models."""
         return self.name == PREFIX + self.arch
 
 

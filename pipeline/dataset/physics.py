@@ -69,7 +69,7 @@ def _status_checks(table: pa.Table, n: int) -> Iterator[tuple[str, RowMask]]:
 def _row_checks(
     solved: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[tuple[str, RowMask]]:
-    """Faults of plans: each with which rows have it."""
+    """Faults of plans, each with a mask of the rows that have it."""
     try:
         states = stacked(solved, "states", n, problem.nodes, 6)
         controls = stacked(solved, "controls", n, problem.intervals, 3)
@@ -106,7 +106,7 @@ def _row_checks(
 def _infeasible_checks(
     rows: pa.Table, n: int, problem: Problem, requirements: Requirements
 ) -> Iterator[tuple[str, RowMask]]:
-    """Rows that the expert does not prove infeasible again; a proof takes it no search."""
+    """Rows that the expert does not prove infeasible again; proofs need no search for a plan."""
     try:
         ends = [stacked(rows, end, n, 6) for end in ("initial", "goal")]
     except ValueError:  # a fault of the scenarios

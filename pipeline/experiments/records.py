@@ -101,7 +101,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Training:
-    """A trained model; None is what its run does not say."""
+    """A trained model; a field is None where the run of its training does not say it."""
 
     arch: str  # with the version (ff1/3) where others beside it differ in more than the seed
     recipe: str

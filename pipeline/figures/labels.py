@@ -111,7 +111,7 @@ def distinct_texts(values: Iterable[float], least: int) -> dict[float, str]:
 
 
 def error(metres: float) -> str:
-    """An error in m; rounding of the arithmetic shows as such."""
+    """Text of an error in m; one that is mere rounding is ``< 1e-6``."""
     return "< 1e-6" if metres < NEGLIGIBLE else number(metres)
 
 

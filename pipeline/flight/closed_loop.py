@@ -205,7 +205,7 @@ class ClosedLoop:
 def asked_with_margin(
     requirements: Requirements, problem: Problem, errors: Errors
 ) -> list[Requirements]:
-    """Requirements to plan for with a margin, each for where there is no plan with the one before.
+    """Requirements to plan for with a margin, in turn until there is a plan.
 
     Where burns may be missed, the first include passive safety until a missed one is corrected,
     unless separation counts at the nodes only.

@@ -37,20 +37,29 @@ class Effect:
     The share refers to the craft with the largest final position error, with all effects: it is
     the part of that error, along its direction, which the effect adds. Shares sum to 1; a negative
     one means that the effect cancels others.
+
+    Attributes:
+        name: "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag".
+        states: node states, LVLH, m and m/s.
+        nearest: the least separation of any pair at any time: distance, m, pair, and time, s.
+        errors: state at the end minus goal, m and m/s.
+        added: what this effect adds to the errors; these sum to the last errors.
+        share: of the effect, or None where nothing but rounding is left.
+        obstacles: their node states, as they drift in that world, or are held.
+        clearance: least distance of craft and obstacles less their sizes; None where all are
+            alike.
+        corridor: how far inside of their corridors craft stay, or None.
     """
 
-    name: str  # "plan", in the linear model; then "curvature", "eccentricity", "J2", "drag"
-    states: States = field(repr=False)  # at the nodes, LVLH, m and m/s
-    nearest: Separation  # the least separation of any pair at any time
-    errors: Formation = field(repr=False)  # state at the end minus goal, m and m/s
-    # what this effect adds to the errors; these sum to the last errors
+    name: str
+    states: States = field(repr=False)
+    nearest: Separation
+    errors: Formation = field(repr=False)
     added: Formation = field(repr=False)
-    share: float | None  # None where nothing but rounding is left
-    # at the nodes, as they drift in that world, or are held
+    share: float | None
     obstacles: Float[Array, "m T 6"] = field(repr=False)
-    # least distance of craft and obstacles less their sizes; None where all are alike
     clearance: Clearance | None = None
-    corridor: CorridorMargin | None = None  # how far inside of their corridors craft stay
+    corridor: CorridorMargin | None = None
 
 
 def fly_controls(

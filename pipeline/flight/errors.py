@@ -21,14 +21,19 @@ class Errors(Uncertainty):
     Those of ``Uncertainty`` are drawn anew at each node (position, velocity) and for each burn
     (magnitude, direction). Position and velocity are errors of the navigation of a craft, in each
     component; a relative position is known √2 times worse. Burns have the four errors of Gates
-    (1963), two proportional to the burn and two fixed.
+    (1963), two proportional to the burn and two fixed. docs/flight-errors.md has all of them.
+
+    Attributes:
+        timing: by how much a burn begins and ends late, or early, s.
+        missed: probability that a burn is not made at all.
+        lost: probability that in a trial a random craft loses its thrust for good, at a random
+            time.
+        impulse_bit: each component's Δv over an interval is rounded to a multiple of this, m/s.
     """
 
-    timing: float = 0.0  # of a burn, which begins and ends so much late, or early, s
-    missed: float = 0.0  # probability that a burn is not made at all
-    # probability that a craft, drawn at random, loses its thrust for good, at a random time
+    timing: float = 0.0
+    missed: float = 0.0
     lost: float = 0.0
-    # of each component's Δv over an interval, of which thrusters make whole multiples, m/s
     impulse_bit: float = 0.0
 
     def gaussian(self, time_step: float) -> Uncertainty:

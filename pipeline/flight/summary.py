@@ -38,34 +38,61 @@ class Summary:
     Separations and errors are in m, velocities and Δv of all craft in m/s. Errors at the goal are
     those of the craft furthest from its goal. Fields of replanning are None in the open loop. Where
     craft have radii of their own or there are obstacles, a pair is too close by its sizes.
+    The last six fields are None unless sizes differ or there are obstacles or corridors.
+
+    Attributes:
+        loop: how they were flown.
+        planner: that replanned.
+        sigmas: standard deviations of each separation kept beyond r_col.
+        trials: number of trials.
+        within_radius: share in which a pair came within r_col, or too close by sizes.
+        within_radius_interval: Wilson's of that share.
+        within_size: share in which a pair came within the physical size.
+        within_size_interval: Wilson's of that share.
+        least_separation: of all trials.
+        separation_median: of the least separation of each trial.
+        goal_error_median: of the position error of each trial.
+        goal_error_high: 95th percentile of it.
+        goal_velocity_error_median: of the velocity error of each trial.
+        goal_velocity_error_high: 95th percentile of it.
+        delta_v_median: of the Δv of each trial.
+        delta_v_high: 95th percentile of it.
+        missed_burns: mean number in a trial.
+        unsafe_replans: mean number of nodes where the plan flown was unsafe.
+        replan_seconds: median time of a plan, s.
+        least_clearance: of all trials; of craft and obstacles by their sizes.
+        clearance_median: of the least clearance of each trial.
+        outside_corridor: share in which a craft left a corridor.
+        outside_corridor_interval: Wilson's of that share.
+        least_corridor: least margin inside of corridors of all trials.
+        corridor_median: of the least margin of each trial.
     """
 
-    loop: str  # how they were flown
-    planner: str | None  # that replanned
-    sigmas: float | None  # standard deviations of each separation kept beyond r_col
+    loop: str
+    planner: str | None
+    sigmas: float | None
     trials: int
-    within_radius: float | None  # share in which a pair came within r_col, or too close by sizes
-    within_radius_interval: ConfidenceInterval | None  # Wilson's of that share
-    within_size: float | None  # share in which a pair came within the physical size
-    within_size_interval: ConfidenceInterval | None  # Wilson's of that share
-    least_separation: float | None  # of all trials
-    separation_median: float | None  # of the least separation of each trial
+    within_radius: float | None
+    within_radius_interval: ConfidenceInterval | None
+    within_size: float | None
+    within_size_interval: ConfidenceInterval | None
+    least_separation: float | None
+    separation_median: float | None
     goal_error_median: float
     goal_error_high: float
     goal_velocity_error_median: float
     goal_velocity_error_high: float
     delta_v_median: float
     delta_v_high: float
-    missed_burns: float  # mean number in a trial
-    unsafe_replans: float | None  # mean number of nodes where the plan flown was unsafe
-    replan_seconds: float | None  # median time of a plan
-    # Where sizes differ or there are obstacles or corridors, else None
-    least_clearance: float | None = None  # of all trials; of craft and obstacles by their sizes
-    clearance_median: float | None = None  # of the least clearance of each trial
-    outside_corridor: float | None = None  # share in which a craft left a corridor
-    outside_corridor_interval: ConfidenceInterval | None = None  # Wilson's of that share
-    least_corridor: float | None = None  # inside of corridors, of all trials
-    corridor_median: float | None = None  # of the least margin of each trial
+    missed_burns: float
+    unsafe_replans: float | None
+    replan_seconds: float | None
+    least_clearance: float | None = None
+    clearance_median: float | None = None
+    outside_corridor: float | None = None
+    outside_corridor_interval: ConfidenceInterval | None = None
+    least_corridor: float | None = None
+    corridor_median: float | None = None
 
     def document(self) -> dict[str, Any]:
         """The fields for files, without those of sizes and corridors where there are none."""

@@ -95,7 +95,7 @@ class NonlinearWorld:
     def arc(
         self, states: TrialStates, controls: HeldControls, interval: int, part: IntervalPart = WHOLE
     ) -> TrialArcs:
-        """As ``LinearWorld.arc``; InputError for a part of a trial with drag."""
+        """As ``LinearWorld.arc``; with drag, InputError unless states are those of whole swarms."""
         count = len(states)
         if self.orbit.ballistic is None:
             ballistics = np.zeros(count)
@@ -119,17 +119,26 @@ class Conditions:
 
     Its mean semi-major axis follows from the problem's mean motion. The default is a
     sun-synchronous orbit with the mean eccentricity and perigee of a frozen one.
+
+    Attributes:
+        eccentricity: from 0 to 0.85.
+        inclination_deg: i, deg.
+        raan_deg: Ω, right ascension of the ascending node, deg.
+        argument_of_perigee_deg: ω, from the ascending node, deg.
+        argument_of_latitude_deg: u, from the ascending node to the LVLH frame, deg.
+        j2: whether the Earth is oblate.
+        ballistic: C_D A/m of the reference, the swarm's mean, m²/kg, or None for no drag.
+        spread: relative spread of C_D A/m, linear over the craft: the first has less, the last
+            more.
     """
 
-    eccentricity: float = 0.001  # from 0 to MOST_ECCENTRIC
-    inclination_deg: float = 97.4  # i
-    raan_deg: float = 0.0  # Ω
-    argument_of_perigee_deg: float = 90.0  # ω, from the ascending node
-    argument_of_latitude_deg: float = 0.0  # u, from the ascending node to the LVLH frame
-    j2: bool = True  # whether the Earth is oblate
-    # C_D A/m in the middle of the swarm and of the reference, m²/kg; None for no drag
+    eccentricity: float = 0.001
+    inclination_deg: float = 97.4
+    raan_deg: float = 0.0
+    argument_of_perigee_deg: float = 90.0
+    argument_of_latitude_deg: float = 0.0
+    j2: bool = True
     ballistic: float | None = None
-    # relative spread of C_D A/m, linear over the craft: the first has less, the last more
     spread: float = 0.1
 
     def __post_init__(self) -> None:

@@ -39,10 +39,15 @@ def _numbers(vector: Coordinates) -> str:
 
 @dataclass(frozen=True)
 class Box:
-    """A box along the LVLH axes."""
+    """A box along the LVLH axes.
 
-    min: Coordinates  # least coordinates, m
-    max: Coordinates  # largest, m
+    Attributes:
+        min: least coordinates, m.
+        max: largest coordinates, m.
+    """
+
+    min: Coordinates
+    max: Coordinates
 
     def __post_init__(self) -> None:
         fields_as_python(self)
@@ -77,11 +82,17 @@ class Box:
 
 @dataclass(frozen=True)
 class Cone:
-    """An approach cone; craft stay inside the inscribed pyramid of SIDES sides."""
+    """An approach cone; craft stay inside the inscribed pyramid of SIDES sides, which is 16.
 
-    apex: Coordinates  # m
-    axis: Coordinates  # direction in which it opens, of any length
-    half_angle_deg: float  # between axis and edge, deg
+    Attributes:
+        apex: LVLH, m.
+        axis: direction in which it opens, of any length.
+        half_angle_deg: between axis and edge, deg.
+    """
+
+    apex: Coordinates
+    axis: Coordinates
+    half_angle_deg: float
 
     def __post_init__(self) -> None:
         fields_as_python(self)

@@ -41,7 +41,7 @@ class SwarmPartition:
 
     @cached_property
     def loss_pairs(self) -> Pairs:
-        """A craft that loses its thrust, which no obstacle does, and another, of every pair."""
+        """Every pair of a craft that loses its thrust and another craft or obstacle."""
         one, other = self.pairs
         back = ~self.is_obstacle(other)
         return np.concatenate([one, other[back]]), np.concatenate([other, one[back]])

@@ -137,7 +137,7 @@ class Problem:
 
     @property
     def negligible_fuel(self) -> float:
-        """Fuel up to which it is rounding, m/s²."""
+        """Largest fuel that counts as rounding, m/s²."""
         return NEGLIGIBLE * self.evasive_control
 
     @property

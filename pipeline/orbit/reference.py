@@ -20,14 +20,19 @@ GEOSTATIONARY = 35_786e3  # altitude in m up to which a message guesses the unit
 class Reference:
     """Epoch and orientation of the reference orbit; its size follows from the mean motion.
 
-    An epoch of another zone is converted to UTC. Angles are in degrees and refer to the Earth's
-    mean equator and equinox of J2000 (EME2000).
+    Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
+
+    Attributes:
+        epoch: of the first node; one of another zone is converted to UTC.
+        inclination_deg: i, deg.
+        raan_deg: Ω, right ascension of the ascending node, deg.
+        argument_of_latitude_deg: u, from the node to the LVLH origin at the epoch, deg.
     """
 
-    epoch: datetime  # of the first node, UTC
-    inclination_deg: float  # i, deg
-    raan_deg: float  # Ω, right ascension of the ascending node, deg
-    argument_of_latitude_deg: float  # u, from the node to the LVLH origin at the epoch, deg
+    epoch: datetime
+    inclination_deg: float
+    raan_deg: float
+    argument_of_latitude_deg: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "epoch", utc_epoch(self.epoch))

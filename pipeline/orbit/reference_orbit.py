@@ -54,21 +54,32 @@ class ReferenceOrbit:
 
     The reference is a virtual craft that never burns. It is subject to the same forces as all
     craft, with the swarm's mean drag coefficient, so craft have differential drag relative to it.
-    Angles are in degrees and refer to the Earth's equator.
+    Angles refer to the Earth's equator.
+
+    Attributes:
+        semi_major_axis: m.
+        eccentricity: from 0 to 0.85.
+        inclination_deg: i, deg.
+        raan_deg: Ω, right ascension of the ascending node, deg.
+        argument_of_perigee_deg: ω, from the ascending node, deg.
+        argument_of_latitude_deg: u = ω + ν at the epoch, deg.
+        j2: whether J2 acts.
+        ballistic: C_D A/m of the reference, the swarm's mean, m²/kg, or None for no drag.
+        spread: relative spread of C_D A/m, linear over the craft: the first has less, the last
+            more.
+        start: time of the first node, s since the epoch.
     """
 
-    semi_major_axis: float  # m
-    eccentricity: float = 0.0  # up to MOST_ECCENTRIC
-    inclination_deg: float = 0.0  # i
-    raan_deg: float = 0.0  # Ω, right ascension of the ascending node
-    argument_of_perigee_deg: float = 0.0  # ω, from the ascending node
-    argument_of_latitude_deg: float = 0.0  # u = ω + ν at the epoch
-    j2: bool = True  # whether J2 acts
-    # C_D A/m of the reference and the swarm's mean, m²/kg; None for no drag
+    semi_major_axis: float
+    eccentricity: float = 0.0
+    inclination_deg: float = 0.0
+    raan_deg: float = 0.0
+    argument_of_perigee_deg: float = 0.0
+    argument_of_latitude_deg: float = 0.0
+    j2: bool = True
     ballistic: float | None = None
-    # relative spread of C_D A/m, linear over the craft: the first has less, the last more
     spread: float = 0.0
-    start: float = 0.0  # of the first node, s since the epoch
+    start: float = 0.0
 
     def __post_init__(self) -> None:
         fields_as_python(self)
@@ -195,7 +206,7 @@ class ReferenceOrbit:
         return _states(self, tuple(ascending.tolist()))[place]
 
     def frames(self, times: Scalar) -> tuple[AnyState, Frame]:
-        """Inertial states at such times and the LVLH frames there."""
+        """Inertial states at times from 0 on, s since the first node, and the LVLH frames there."""
         origin = self.states(times.ravel()).reshape(*times.shape, 6)
         return origin, lvlh_frame(origin, self.acceleration(origin, self.ballistic or 0.0))
 

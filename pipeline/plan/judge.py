@@ -104,9 +104,10 @@ def is_computable(states: States, controls: Controls, problem: Problem) -> Craft
 
 
 def _with_coasts(controls: Controls, scenarios: Sequence[Scenario]) -> Controls:
-    """The controls with exact zeros for rounding, by ``with_coasts``, which keeps goals alone.
+    """The controls with exact zeros where only rounding is left, by ``with_coasts``.
 
-    Those of craft with waypoints, polished already, stay as they are.
+    That keeps goals but not waypoints: craft with waypoints, whose controls are polished already,
+    are left out.
     """
     found = with_coasts(controls, shared_problem(scenarios))
     for swarm, craft in zip(scenarios, side_by_side(scenarios).slices, strict=True):

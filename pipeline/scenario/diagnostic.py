@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Case:
-    """One fault."""
+    """A violation of a rule."""
 
     craft: tuple[int, ...]  # numbers of those concerned
     text: str  # what is wrong, and by how much
@@ -15,13 +15,21 @@ class Case:
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """Outcome of a rule at one end, or for the transfer."""
+    """Outcome of a rule at one end, or for the transfer.
 
-    rule: str  # what was checked
-    end: str  # "initial", "goal" or "transfer"
-    text: str  # what was found, in words
-    cases: tuple[Case, ...] = ()  # faults, worst first; none where all is well
-    cure: str = ""  # what to do about them
+    Attributes:
+        rule: what was checked.
+        end: "initial", "goal" or "transfer".
+        text: what was found, in words.
+        cases: violations, worst first, each with craft, text and numbers.
+        cure: what to do about them.
+    """
+
+    rule: str
+    end: str
+    text: str
+    cases: tuple[Case, ...] = ()
+    cure: str = ""
 
     @property
     def fine(self) -> bool:

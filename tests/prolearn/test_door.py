@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
 from decimal import Decimal
 from fractions import Fraction
@@ -712,6 +712,16 @@ def test_every_public_name_is_there_and_documented():
     page = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\.\. [a-z:]+:: prolearn\.(\w+)$", page, re.MULTILINE)
     assert sorted(listed) == sorted(prolearn.__all__)
+
+
+def test_every_field_of_a_public_value_is_described():
+    """As an attribute in the docstring of its class or a base, which the page of names shows."""
+    missing = []
+    for value in (getattr(prolearn, name) for name in prolearn.__all__):
+        if is_dataclass(value) and isinstance(value, type) and len(fields(value)) > 1:
+            told = "\n".join(one.__doc__ or "" for one in value.__mro__[:-1])
+            missing += [(value, one.name) for one in fields(value) if f"{one.name}: " not in told]
+    assert missing == []
 
 
 def test_thrusters_and_craft_of_their_own_are_given_and_kept():

@@ -1,4 +1,4 @@
-"""What the refiner computes by: functions for numpy and torch alike, and numba's compilation."""
+"""Functions of the refiner for numpy and torch alike, and compilation by numba."""
 
 import os
 import sys
