@@ -44,23 +44,22 @@ def fly(
 ) -> None:
     """Fly a plan's controls about an oblate Earth: errors at the goals and closest approach.
 
-    Every craft is integrated on its own in an inertial frame, from a reference orbit that need
-    not be a circle, under two-body gravity, J2 and, if asked for, drag. The table has a row for
-    each effect, added to those above it: how far the worst craft then ends from its goal, what
-    the effect added at most, its share of the final error, and which pair comes closest when.
-    Exit status 0: no pair comes within r_col at any time, or at the nodes where the plan was made
-    for these only; 1: one does; 2: bad input. With radii of craft or obstacles, clearances decide
-    instead, and with corridors, craft must also stay inside of them.
+    Craft move under two-body gravity, J2 and, if asked for, drag, about a reference orbit that
+    need not be a circle. The table has a row for each effect, added to those above it: the largest
+    error at a goal, what the effect added to it at most, its share of the final error, and which
+    pair comes closest when. Exit status 0: no pair comes within r_col at any time, or at the nodes
+    for a plan with separation at these only; 1: one does; 2: bad input. With radii of craft or
+    obstacles clearances decide instead, and with corridors craft must also stay inside of them.
 
-    With `--trials` it is flown so many times with errors of thrust, timing and navigation; with
-    `--replan feedback` also with deviations from the plan corrected at every node; with `--replan
-    every-node` also replanned at every node from estimated states, without and with a margin. The
-    table has how often a pair comes within r_col, with Wilson's intervals, errors at the goal and
-    Δv; into the folder go the trials, the table and a figure. Obstacles have no errors, and plans
-    with radii, obstacles, corridors, waypoints or thrust fields other than max_acceleration are
-    flown in open loop only. With `--error lost=1` a craft, drawn at random, loses its thrust in
-    each trial, at any time, and the others replan around its drift. After a kill or an
-    interruption the same command continues; the exit status is 0 when all is flown.
+    With `--trials` the plan is flown that many times with errors of thrust, timing and navigation,
+    in open loop; with `--replan feedback` also with deviations corrected at every node; with
+    `--replan every-node` also replanned at every node from estimated states, without and with a
+    margin. The table has how often a pair comes within r_col, with Wilson's intervals, errors at
+    the goal and Δv; the folder has the trials, the table and a figure. Obstacles have no errors.
+    Plans with radii, obstacles, corridors, waypoints or thrust fields other than max_acceleration
+    are flown in open loop only. With `--error lost=1` a random craft loses its thrust at a random
+    time of each trial, and the others replan around its drift. After a kill or an interruption
+    the same command continues; the exit status is 0 when all is flown.
 
     Examples:
 
