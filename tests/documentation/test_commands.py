@@ -12,15 +12,18 @@ from cli.main import app
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^(?:```|~~~)\w*\n(.*?)^(?:```|~~~)", re.DOTALL | re.MULTILINE)
+
+
+def commands_of(page):
+    """The commands that a page shows, in their order."""
+    for block in BLOCK.findall(page.read_text(encoding="utf-8")):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.removeprefix("$ ").startswith("prolearn ") and "-completion" not in line:
+                yield line.removeprefix("$ ").strip()
+
+
 COMMANDS = sorted(
-    {
-        line.removeprefix("$ ").strip()
-        for page in PAGES
-        if page.name != "commands.md"
-        for block in BLOCK.findall(page.read_text(encoding="utf-8"))
-        for line in block.replace("\\\n", " ").splitlines()
-        if line.removeprefix("$ ").startswith("prolearn ") and "-completion" not in line
-    }
+    {*(line for page in PAGES if page.name != "commands.md" for line in commands_of(page))}
 )
 
 
@@ -36,6 +39,17 @@ def test_links_to_headings_work_on_github_too(page):
     for file, anchor in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", page.read_text("utf-8")):
         target = page.parent / file if file else page
         assert target.suffix != ".md" or anchor in anchors(target), f"{file}#{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_trials_with_other_errors_go_into_another_folder(page):
+    """One that has trials with other errors is refused, so the commands would not work in order."""
+    errors_in = {}
+    for words in (shlex.split(line, comments=True) for line in commands_of(page)):
+        if words[1] == "fly" and "--trials" in words and page.name != "commands.md":
+            folder = words[words.index("--out") + 1] if "--out" in words else words[2]
+            given = [words[k + 1] for k, word in enumerate(words) if word.startswith("--error")]
+            assert errors_in.setdefault(folder, given) == given, words
 
 
 def parse(arguments):
