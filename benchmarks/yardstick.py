@@ -112,9 +112,9 @@ def damico(in_plane: float, across: float, thrust: Norm) -> float:
 def tandem_x(name: str, file: str, change: tuple[float, float]) -> list[BenchmarkCase]:
     """The cases of a change (in plane, across), m, one in either norm."""
     whys: dict[Norm, str] = {
-        "components": "Arcs again; and states that have the elements exactly differ from the "
-        "linear ones by millimetres in the plane, which here are paid besides.",
-        "norm": "The same, but what is burned at once in and across the plane is one burn.",
+        "components": "Arcs cost more, as above; and states with exactly these elements differ "
+        "from the linear ones by millimetres in the plane, which costs fuel too.",
+        "norm": "The same; burns in and across the plane at one time are one burn.",
     }
     return [
         BenchmarkCase(
@@ -136,7 +136,7 @@ def rendezvous() -> float:
     return float(np.linalg.norm(burns, axis=0).sum())
 
 
-ARCS = "Ours are arcs of constant acceleration, theirs impulses, which arcs come near from above"
+ARCS = "Ours are arcs of constant acceleration, which cost more than impulses"
 CASES = (
     BenchmarkCase(
         "SIMBOL-X",
@@ -162,8 +162,8 @@ CASES = (
         "norm",
         lambda: reconfiguration()[0],
         "bsk 2.12.1, run here",
-        "Three burns by a closed form, one for each pair of elements, against the least for the "
-        "same two states and time.",
+        "Theirs are three burns by a closed form, one for each pair of elements; ours have the "
+        "least fuel for the same states and time.",
     ),
     BenchmarkCase(
         "Rendezvous with the ISS",
@@ -171,8 +171,8 @@ CASES = (
         "norm",
         rendezvous,
         "Transformer-MPC's SCP, run here",
-        "Arcs of 113 s, theirs impulses: the last 30 m, in nine of them, cost 13 % more; and a way "
-        "about the station that is a local optimum.",
+        "Ours are arcs of 113 s, theirs impulses: the last 30 m, in nine arcs, cost 13 % more; and "
+        "our path around the station is a local optimum.",
     ),
 )
 
@@ -181,22 +181,22 @@ PEERS = (
     Peer(
         "expert, at nodes",
         lambda s: solve(s, requirements=Requirements("nodes")).controls,
-        "this project, apart at the nodes only, as the next two",
+        "this project, apart at the nodes only, like the next two",
     ),
     Peer("plain SCP", by_plain_scp, "the paper's kind: every pair at every node, one program"),
     Peer("DCCP", by_dccp, "cvxpy's convex-concave procedure, apart at the nodes", foreign=True),
     Peer(
         "OpenSCvx",
         by_openscvx,
-        "0.5.2, which has no `solve_batched`, by its own settings: `ctcs` constraints, from "
-        "decoupled optima; compiled before",
+        "0.5.2, without `solve_batched`, default settings: `ctcs` constraints, from decoupled "
+        "optima; compiled before",
         foreign=True,
         compiles=True,
     ),
     Peer(
         "decoupled, repaired",
         by_repair,
-        "HiGHS for each craft; who meets one of lower number plans anew around all",
+        "HiGHS for each craft; one that meets another of lower number is replanned around all",
     ),
 )
 
