@@ -42,14 +42,16 @@ def test_links_to_headings_work_on_github_too(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_trials_with_other_errors_go_into_another_folder(page):
-    """One that has trials with other errors is refused, so the commands would not work in order."""
-    errors_in = {}
+def test_commands_of_a_page_do_not_refuse_what_those_before_have_written(page):
+    """As a new scenario in place of another, or trials in a folder of trials with other errors."""
+    made = {}
     for words in (shlex.split(line, comments=True) for line in commands_of(page)):
-        if words[1] == "fly" and "--trials" in words and page.name != "commands.md":
-            folder = words[words.index("--out") + 1] if "--out" in words else words[2]
-            given = [words[k + 1] for k, word in enumerate(words) if word.startswith("--error")]
-            assert errors_in.setdefault(folder, given) == given, words
+        if page.name != "commands.md" and words[1:3] == ["scenario", "new"]:
+            assert made.setdefault(words[3], words) is words
+        elif page.name != "commands.md" and words[1] == "fly" and "--trials" in words:
+            folder = words[words.index("--out") + 1] if "--out" in words else f"{words[2]}-flown"
+            errors = [words[k + 1] for k, word in enumerate(words) if word.startswith("--error")]
+            assert made.setdefault(folder, errors) == errors, words
 
 
 def parse(arguments):
