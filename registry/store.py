@@ -131,12 +131,19 @@ def store_errors(uri: str) -> Iterator[None]:
         if uri.startswith("sqlite:"):
             path = database_path(uri)
             _check_sound(path)
-            _check_made(path)
-        reason = public(first_line(error), uri)[:300]
+            if getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) != sqlite3.SQLITE_FULL:
+                _check_made(path)
+        reason = public(_reason(error), uri)[:300]
         raise ProlearnError(
             f"The tracking store {public_url(uri)} failed ({reason}); expected one that can be "
             "read and written: check MLFLOW_TRACKING_URI, the server and the space on the disk."
         ) from error
+
+
+def _reason(error: BaseException) -> str:
+    """Why something failed; of files that MLflow cannot fetch, why the last of them."""
+    lines = str(error).splitlines()
+    return first_line(lines[-1] if lines and lines[0].endswith(":") else error)
 
 
 @contextmanager

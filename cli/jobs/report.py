@@ -68,7 +68,8 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     InputError also for a URL; InputError or OSError where the folder cannot be written to.
     """
     if (out / MANIFEST).exists():
-        raise InputError(f"{out} is a dataset's folder; expected another: give it with --out.")
+        kind = "a folder of trials" if any(out.glob("loop=*")) else "a dataset's folder"
+        raise InputError(f"{out} is {kind}; expected another: give it with --out.")
     refuse_unwritable(out / "report.md")  # before all is read and drawn
     run = evaluation(run_id)
     first = ReportedRun(run, sound_table(run), _models_of(run))
@@ -80,7 +81,7 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
         notes.append(f"Training: {gone} of the evaluated models are no longer there.")
     try:
         return build_report(_results(parts, examples, notes), out)
-    except ProlearnError:
+    except (ProlearnError, OSError):  # of the store, or the disk
         raise
     except Exception:  # of any kind: anyone may have written any values into a shared store
         logging.getLogger("prolearn").debug("the report cannot be made of all", exc_info=True)
@@ -155,6 +156,8 @@ def _without_faulty(
         with scratch_folder() as folder:
             try:
                 build_report(_results(tried, examples, ()), folder)
+            except OSError:
+                raise
             except Exception as error:
                 return repr(error)[:200]
         return ""

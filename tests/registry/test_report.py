@@ -149,6 +149,24 @@ def test_a_report_goes_into_no_datasets_folder(solved: Path) -> None:
         report(solved)
 
 
+def test_a_report_goes_into_no_folder_of_trials(tmp_path: Path) -> None:
+    (tmp_path / "loop=open-loop").mkdir()
+    (tmp_path / "_manifest.json").touch()
+    with pytest.raises(InputError, match="is a folder of trials; expected another"):
+        report(tmp_path)
+
+
+def test_a_full_disk_is_not_taken_for_damaged_results(
+    done: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("cli.jobs.report.build_report", full)
+    with pytest.raises(OSError, match="No space left on device"):
+        report(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("out", "error", "words"),
     [

@@ -15,7 +15,8 @@ import mlflow
 import pytest
 from forked import Forked
 from processes import SOON
-from rights import read_only
+from rights import read_only, room_until_told
+from sqlalchemy import create_engine
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
@@ -316,6 +317,32 @@ def test_a_full_disk_is_told_as_a_failure_of_the_store() -> None:
         store_errors("sqlite:///mlflow.db"),
     ):
         raise OSError(28, "No space left on device")
+
+
+def test_a_disk_that_is_full_before_the_store_is_made_is_not_taken_for_an_earlier_kill(
+    fresh: Path,
+) -> None:
+    with (
+        pytest.raises(ProlearnError, match=r"disk is full.*space on the disk") as caught,
+        store_errors("sqlite:///mlflow.db"),
+        create_engine("sqlite:///mlflow.db").connect() as database,
+    ):
+        database.exec_driver_sql("CREATE TABLE runs (run_uuid)")
+        database.exec_driver_sql("PRAGMA max_page_count = 2")
+        database.exec_driver_sql("CREATE TABLE experiments (name)")
+    assert not isinstance(caught.value, InputError)
+
+
+def test_a_full_disk_is_said_to_be_why_files_of_the_store_are_not_fetched(folder: Path) -> None:
+    with opened() as store, recorded_run(store, TRAINING, "some", {}) as run_id:
+        store.client.log_text(run_id, "text", "file.txt")
+    with (
+        room_until_told() as full,
+        pytest.raises(ProlearnError, match=r"File too large.*space on the disk"),
+        opened() as store,
+    ):
+        full()
+        mlflow.artifacts.download_artifacts(run_id=run_id, dst_path=str(folder))
 
 
 def test_settings_of_the_user_are_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
