@@ -120,15 +120,20 @@ def sizes_figure(summary: pd.DataFrame, quantity: Quantity, styles: Mapping[str,
 def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Iterator[Finding]:
     """Findings on the largest swarm flown, up to n = 30.
 
-    None if that is experiment 1's ``n``, or one that networks were trained at.
+    None if that is experiment 1's ``n``, nor for a group of networks some of which were trained at
+    that size.
     """
     trials = averages.sizes_of_paper(trials)
-    largest = max(map(int, verdicts.flown_networks(trials)["n"]), default=n)
-    home = sorted(map(int, set(training["n"].dropna())))
-    if largest not in (n, *home):
-        trained = f"trained at n = {' or '.join(map(str, home))} " if home else ""
-        predicate = f"{trained}work at other sizes (n = {largest})?"
-        yield from verdicts.network_findings(predicate, trials, training, largest)
+    flown = verdicts.flown_networks(trials)
+    largest = max(map(int, flown["n"]), default=n)
+    for group in verdicts.groups(flown.loc[flown["n"] == largest, "planner"]):
+        own = training[training["arch"].isin(group.planners)]
+        home = sorted(map(int, set(own["n"].dropna())))
+        if largest not in (n, *home):
+            trained = f"trained at n = {' or '.join(map(str, home))} " if home else ""
+            predicate = f"{trained}work at other sizes (n = {largest})?"
+            mine = trials[trials["planner"].isin([*group.planners, verdicts.DECOUPLED])]
+            yield from verdicts.network_findings(predicate, mine, own, largest)
 
 
 def family_findings(summary: pd.DataFrame) -> list[Finding]:

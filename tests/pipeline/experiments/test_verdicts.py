@@ -109,6 +109,20 @@ def test_the_largest_swarm_has_a_row_of_its_own(rows):
     assert list(size_findings(planned, training.assign(n=30), 10)) == []
 
 
+def test_a_network_is_asked_about_by_the_sizes_that_it_was_trained_at_itself(rows):
+    named = ("ff1", "refiner")
+    table = [row for name in named for row in flown(rows, name, "tuned", shares(400), 1.0, n=30)]
+    planned = prepared(pd.DataFrame(table))
+    training = trained(*((name, "tuned", 1.0, 1.0) for name in named)).assign(n=[10, 4])
+    asked = [found.question for found in size_findings(planned, training, 10)]
+    assert asked == [
+        "Does one of the paper's networks trained at n = 10 work at other sizes (n = 30)?",
+        "Does the refiner trained at n = 4 work at other sizes (n = 30)?",
+    ]
+    (other,) = size_findings(planned, training.assign(n=[10, 30]), 10)
+    assert other.question == asked[0]
+
+
 def test_the_papers_networks_answer_together_and_any_other_on_its_own(rows):
     table = [
         *flown(rows, "ff1", "tuned", shares(190), 1.3),
