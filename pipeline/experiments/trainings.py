@@ -114,13 +114,16 @@ def _panel(ax: Axes, curves: pd.DataFrame, styles: Mapping[str, Style]) -> None:
         fit_scale(ax, "y", losses.ravel(), log=True)
 
 
+ALIKE = ["device", "threads", "n", "train_instances"]  # columns that are equal where times compare
+
+
 def findings(training: pd.DataFrame) -> list[Finding]:
-    """Whether feed-forward networks train faster than LSTMs by the same recipe on equal devices."""
+    """Whether feed-forward networks train faster than LSTMs by one recipe, with ALIKE equal."""
     timed = training.dropna(subset=["seconds"])
     timed = timed[timed["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
     for recipe in ("paper", "tuned", ""):
         rows = timed[timed["recipe"] == recipe]
-        if len(rows[["device", "threads"]].drop_duplicates()) != 1:
+        if len(rows[ALIKE].drop_duplicates()) != 1:
             continue
         frame = training_table(rows).frame.rename(columns={"arch": "planner"})
         compared = verdicts.compare_families(frame, labels.FEED_FORWARD, labels.RECURRENT, SECONDS)
