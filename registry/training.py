@@ -94,27 +94,25 @@ def record_training(
 ) -> models.ModelVersion:
     """Record a training in MLflow and register its network as a version of ``prolearn-<arch>``.
 
-    The first version becomes the champion. Where the store fails, the network is kept in
-    ``unregistered/``, as the ProlearnError says.
+    The first version becomes the champion. Where the store or the disk of temporary files fails,
+    the network is kept in ``unregistered/``, as the ProlearnError says.
     """
-    with scratch_folder() as scratch:
-        folder = scratch / "network"
-        save(trained.model, folder)
-        kib = (folder / WEIGHTS_FILE).stat().st_size / 1024
-        measured = {**(metrics or {}), "weights_kib": kib}
-        record = record_of(trained, dataset, measured)
-        made_by = with_architectures(TRAINED_BY, [trained.model.architecture])
-        count = sum(weights.numel() for weights in trained.model.network.state_dict().values())
-        params = {**record.params, "parameters": count}
-        record = replace(record, params=params, tags=environment_tags(made_by))
-        try:
-            return _register(folder, trained.model, record)
-        except ProlearnError as error:
-            kept = _keep(folder, record)
-            raise ProlearnError(
-                f"{error} The trained network is kept in {kept}; register it later with "
-                f"`prolearn models register {as_argument(kept)}`."
-            ) from error
+    made_by = with_architectures(TRAINED_BY, [trained.model.architecture])
+    record = record_of(trained, dataset, metrics or {})
+    count = sum(weights.numel() for weights in trained.model.network.state_dict().values())
+    params = {**record.params, "parameters": count}
+    record = replace(record, params=params, tags=environment_tags(made_by))
+    try:
+        with scratch_folder() as scratch:
+            save(trained.model, scratch / "network")
+            return _register(scratch / "network", trained.model, record)
+    except (ProlearnError, OSError) as error:
+        kept = _keep(trained.model, record)
+        why = str(error).rstrip(".")
+        raise ProlearnError(
+            f"{why}. The trained network is kept in {kept}; register it later with "
+            f"`prolearn models register {as_argument(kept)}`."
+        ) from error
 
 
 def register_kept(folder: Path) -> models.ModelVersion:
@@ -128,6 +126,7 @@ def register_kept(folder: Path) -> models.ModelVersion:
 
 def _register(folder: Path, model: Model, record: TrainingRecord) -> models.ModelVersion:
     arch, params = model.architecture, record.params
+    kib = (folder / WEIGHTS_FILE).stat().st_size / 1024
     with opened() as store:
         name = f"{arch}-{params['recipe']}-seed{params['seed']}"
         with recorded_run(store, TRAINING, name, record.tags) as run_id:
@@ -139,7 +138,8 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> models.Mode
             with temporary_files_in(folder.parent):
                 _log_curves(store, run_id, record)
                 model_id = _log_model(folder, model)
-            store.client.log_batch(run_id, metrics=entities.metrics_of(record.metrics, model_id))
+            metrics = {**record.metrics, "weights_kib": kib}
+            store.client.log_batch(run_id, metrics=entities.metrics_of(metrics, model_id))
             tags = {k: str(params[k]) for k in ("arch", "recipe", "dataset_digest")}
             tags[models.WEIGHTS] = model.digest
             number = _new_version(store, models.PREFIX + arch, run_id, model_id, tags)
@@ -149,16 +149,15 @@ def _register(folder: Path, model: Model, record: TrainingRecord) -> models.Mode
         return models.read_version(store, models.PREFIX + arch, number)
 
 
-def _keep(folder: Path, record: TrainingRecord) -> Path:
-    """Copy a saved network, whole, to ``unregistered/<arch>-<time>`` with its training's record."""
+def _keep(model: Model, record: TrainingRecord) -> Path:
+    """Save a network, whole, in ``unregistered/<arch>-<time>`` with its training's record."""
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
     kept = Path("unregistered").absolute() / f"{record.params['arch']}-{stamp}"
     params = {key: entities.without_secrets(value) for key, value in record.params.items()}
     part = kept.with_name(f".{kept.name}.tmp")
     try:
         part.mkdir(parents=True)
-        for path in folder.iterdir():
-            shutil.copyfile(path, part / path.name)
+        save(model, part)
         content = {**vars(record), "params": params}
         write_text(part / RECORD, json.dumps(content, indent=1, default=str) + "\n")
         part.rename(kept)

@@ -17,12 +17,13 @@ from cli.main import app
 from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.trainings import training_table
 from pipeline.files import write_text
+from pipeline.networks.model import load as load_network
 from pipeline.networks.recipes import Recipe
 from pipeline.training.loop import Trained
 from registry.metrics import training_tables
 from registry.models import ModelVersion, list_versions, load, newest_trainings, resolve
 from registry.store import TRAINING, connect
-from registry.training import DatasetInfo
+from registry.training import DatasetInfo, record_training
 
 
 class Project:
@@ -375,6 +376,18 @@ def test_a_training_that_cannot_be_recorded_fails_its_run_and_keeps_the_weights(
     (kept,) = (folder / "unregistered").iterdir()
     assert kept.name.startswith("ff1-")
     assert (kept / "weights.safetensors").stat().st_size > 150_000
+
+
+def test_a_network_is_kept_where_there_is_no_room_for_temporary_files(
+    trained: Trained, dataset: DatasetInfo, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "full").write_text("a file where a folder is needed")
+    monkeypatch.setattr("tempfile.tempdir", str(folder / "full"))
+    with pytest.raises(ProlearnError, match=r"/full/.*\. The trained network is kept in "):
+        record_training(trained, dataset)
+    (kept,) = (folder / "unregistered").iterdir()
+    assert load_network(kept).digest == trained.model.digest
+    assert (kept / "training.json").exists()
 
 
 def test_a_network_for_which_the_disk_has_no_room_is_not_kept_in_part(
