@@ -136,6 +136,13 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Itera
             yield from verdicts.network_findings(predicate, mine, own, largest)
 
 
+def trained_alike(summary: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
+    """The rows of a summary in which families compare: recipes of trainings at one swarm size."""
+    known = training[training["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
+    sizes = known.groupby("recipe")["n"].nunique()
+    return summary[~summary["recipe"].isin(sizes.index[sizes > 1])]
+
+
 def family_findings(summary: pd.DataFrame) -> list[Finding]:
     """Whether feed-forward networks collide less than LSTMs, if both were trained by one recipe.
 

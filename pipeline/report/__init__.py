@@ -136,12 +136,13 @@ def build_report(results: Results, out: Path) -> ReportFiles:
 def questions(results: Results, summary: pd.DataFrame, n: int) -> Section:
     """The table of questions that opens the report, and notes on what is missing."""
     trials, training = prepared(results.trials), results.training
+    alike = experiment2.trained_alike(summary, training)
     found = [
         *experiment1.findings(trials, training, n),
         *experiment2.size_findings(trials, training, n),
         *scaling.findings(scaling.larger_swarms(trials, training), training),
-        *experiment2.family_findings(summary),
-        *experiment2.fuel_findings(summary),
+        *experiment2.family_findings(alike),
+        *experiment2.fuel_findings(alike),
         *trainings.findings(training),
         *experiment2.time_findings(trials),
         *experiment3.findings(results.warmstarts),

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from planted import cells
+from planted import cells, trained
 
 from pipeline.experiments.averages import summarize
 from pipeline.experiments.experiment2 import (
@@ -13,6 +13,7 @@ from pipeline.experiments.experiment2 import (
     sizes_figure,
     sizes_tables,
     time_findings,
+    trained_alike,
 )
 from pipeline.figures.style import planner_styles
 
@@ -114,6 +115,13 @@ def test_swarms_of_the_training_s_size_say_nothing_of_larger_ones(rows):
     assert family_findings(ten) == []
     (answer,) = family_findings(pd.concat([families(rows, (4, 6), (9, 11), n=5), ten]))
     assert "node collisions at n = 10" in answer.numbers
+
+
+def test_families_that_were_trained_at_different_sizes_do_not_compare(rows):
+    summary = families(rows, (4, 6), (9, 11))
+    training = trained(*((arch, "paper", 1.0, 1.0) for arch in ("ff1", "lstm1")))
+    assert len(family_findings(trained_alike(summary, training))) == 1
+    assert family_findings(trained_alike(summary, training.assign(n=[3, 10]))) == []
 
 
 def test_with_one_training_nothing_is_confirmed(rows):
