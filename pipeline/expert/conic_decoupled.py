@@ -17,6 +17,7 @@ from pipeline.orbit.thrust_cost import (
     conjugate_bound,
     cost,
     dual_norm,
+    exceeded_limits,
     support_bound,
 )
 from pipeline.orbit.transfer import transfer_maps
@@ -27,6 +28,7 @@ BURN = 1e-5  # share of a craft's largest control below which a cone program's c
 NOISE = 1e-3  # least value of a craft's largest control there, as a share of all craft's largest
 CANCELLED = 1e-7  # share of the largest dual variable, by effect, below which one counts as zero
 CANCELLATIONS = 3  # of rows, at most
+UPPER = "max_acceleration", "max_acceleration_norm", "delta_v"  # limits that are upper ones
 MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 
@@ -187,9 +189,13 @@ def polished(
         fired = np.where(fired > BURN * largest, fired, 0.0)
         kept = _completed(fired, fired > 0, at, thrust) @ thrust.directions
     kept = _completed(kept, burns, at)
-    # Where the rest cannot compensate, as where all burns are small, nothing is set to zero.
-    missed = _missed(kept, at) > MET
-    kept = np.where(missed[:, None, None] & allowed, controls, kept)
+    # Where the rest cannot compensate, as where all burns are small, or only beyond its limits,
+    # nothing is set to zero.
+    unable = _missed(kept, at) > MET
+    moved = np.abs(kept - controls).sum(axis=(1, 2)) > LIMIT_ROUNDING / 2 * largest[:, 0, 0]
+    exceeded = exceeded_limits(kept[moved], limits[moved], problem)
+    unable[moved] |= np.any([exceeded[name] for name in UPPER], axis=0)
+    kept = np.where(unable[:, None, None] & allowed, controls, kept)
     return _completed(kept, allowed, at)
 
 

@@ -17,15 +17,18 @@ from thrusting import AXES, EIGHT, FIVE, MODELS, TWELVE, drawn, least, with_thru
 
 from pipeline.errors import InputError
 from pipeline.expert import mixed_integer, solve, solve_many
+from pipeline.expert.conic_decoupled import polished
 from pipeline.expert.solvers import new_highs
 from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
 from pipeline.orbit.thrust_cost import allocated_thrusts, conjugate_bound, cost, support_bound
+from pipeline.orbit.transfer import fly
 from pipeline.plan.plan import INFEASIBLE, SOLVED
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.reach import REACHABLE
 from pipeline.scenario.spacecraft import Spacecraft
+from pipeline.scenario.state_constraints import timed_constraints
 from pipeline.scenario.waypoint import Waypoint
 
 SWARM = draw("rings", 0, 5, 3, Problem())
@@ -549,6 +552,20 @@ def test_limits_about_the_least_are_answered_without_a_warning():
 def test_directions_that_are_none_are_refused_in_a_sentence(directions, said):
     with pytest.raises(InputError, match=said):
         Thrust(tuple(directions))
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_small_burns_stay_where_those_at_the_limit_cannot_make_up_for_them(sign):
+    """Two burns alone that lead to the same place have to be larger for one of both signs."""
+    size, problem = 0.01, replace(ONE.problem, thrust=Thrust(max_acceleration_norm=0.01))
+    controls = np.zeros((1, problem.intervals, 3))
+    controls[:, [0, -1]] = size / 3**0.5
+    controls[:, 1:-1, 1] = sign * 5e-6 * size
+    goal = fly(ONE.initial, controls, problem)[:, -1]
+    asked = replace(ONE, problem=problem, goal=goal)
+    found = polished(controls, timed_constraints(asked), asked.limits, problem)
+    assert np.abs(fly(ONE.initial, found, problem)[:, -1] - goal).max() < 1e-8
+    assert np.linalg.norm(found, axis=2).max() <= size * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("thrust", [Thrust("norm"), Thrust(FIVE)])
