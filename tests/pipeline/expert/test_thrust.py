@@ -25,6 +25,7 @@ from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
 from pipeline.orbit.thrust_cost import allocated_thrusts, conjugate_bound, cost, support_bound
 from pipeline.orbit.transfer import fly
 from pipeline.plan.plan import INFEASIBLE, SOLVED
+from pipeline.planners.classical import BASELINES
 from pipeline.scenario import Scenario, diagnostics, draw
 from pipeline.scenario.reach import REACHABLE
 from pipeline.scenario.spacecraft import Spacecraft
@@ -568,10 +569,13 @@ def test_small_burns_stay_where_those_at_the_limit_cannot_make_up_for_them(sign)
     assert np.linalg.norm(found, axis=2).max() <= size * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("plans", [solve_many, BASELINES[-1].plan], ids=["expert", "decoupled"])
 @pytest.mark.parametrize("thrust", [Thrust("norm"), Thrust(FIVE)])
-def test_a_plan_within_limits_of_each_craft_is_the_same_to_the_bit_alone_and_among_others(thrust):
+def test_a_plan_within_limits_of_each_craft_is_the_same_to_the_bit_alone_and_among_others(
+    thrust, plans
+):
     scenarios = [with_thrust(draw("rings", 0, n, 1, Problem()), thrust, limit=0.01) for n in (3, 6)]
-    for scenario, plan in zip(scenarios, solve_many(scenarios), strict=True):
-        alone = solve(scenario)
+    for scenario, plan in zip(scenarios, plans(scenarios), strict=True):
+        (alone,) = plans([scenario])
         assert np.array_equal(plan.controls, alone.controls)
         assert plan.certificate == alone.certificate
