@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int
 from pipeline.expert.conic import FUEL_SHARE
 from pipeline.expert.decoupled import (
+    INTEGERS,
     CraftInCorridors,
     DecoupledOptima,
     cheapest_constraints,
@@ -16,7 +17,7 @@ from pipeline.expert.decoupled import (
     decoupled_optima,
     goal_miss,
 )
-from pipeline.orbit.arrays import Controls, Formation, Indices, Values
+from pipeline.orbit.arrays import Controls, Formation, Indices, PerCraft, Values
 from pipeline.orbit.corridors import Faces
 from pipeline.orbit.participants import Participants
 from pipeline.orbit.partition import SwarmPartition
@@ -135,8 +136,18 @@ class Batch:
         limits = None if self.limits is None else self.limits[craft]
         constraints = None if self.constraints is None else self.constraints[craft]
         part = Batch([self.scenarios[k] for k in which], limits, constraints)
-        part.optima = self.optima[craft]
+        part.open_bound, part.optima = self.open_bound[craft], self.optima[craft]
         return part
+
+    def raise_bounds(self, k: int, bound: PerCraft) -> None:
+        """Raise lower bounds of a scenario's craft to those by mixed-integer programs, m/s².
+
+        But where waypoints have open times, of which these programs have one choice.
+        """
+        least, craft = np.zeros(len(self.initial)), self.craft[k]
+        if np.isinf(self.open_bound[craft]).all():
+            least[craft] = bound
+            self.optima = self.optima.at_least(least, np.zeros(len(least), dtype=bool), INTEGERS)
 
     def infeasible(self) -> list[str]:
         """For each scenario, the reason why it provably has no plan, or an empty string.

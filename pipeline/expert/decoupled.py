@@ -42,6 +42,8 @@ CONVERGED = 1e-4  # largest gain of a bound, as a share, with which these end
 # How a lower bound is proven
 TABLE = "a dual vertex of each craft's own linear program, by table"
 PROGRAM = "multipliers of each craft's own convex program"
+INTEGERS = "branch and bound of each craft's own mixed-integer program"
+PROOFS = (TABLE, PROGRAM, INTEGERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,23 +56,24 @@ class DecoupledOptima(Rows):
     # whether it is proven that the craft cannot make the transfer within the thrust limit, or with
     # any thrust; the solver failed where it is neither feasible nor impossible
     impossible: CraftMask
-    tabled: CraftMask  # whether the bound is by the table and not by a program
+    proof: Int[Array, "n"]  # of the bound, as an index of PROOFS
     basis: Int[Array, "n 6"] | None = None  # as in ``Subproblem``, without a thrust limit
 
-    def at_least(self, bound: PerCraft, impossible: CraftMask) -> "DecoupledOptima":
-        """The optima with other bounds, by programs, where these are higher, and more proofs."""
+    def at_least(
+        self, bound: PerCraft, impossible: CraftMask, proof: str = PROGRAM
+    ) -> "DecoupledOptima":
+        """The optima with other bounds where these are higher, and more that are impossible."""
         higher = bound > self.lower_bound
         return replace(
             self,
             lower_bound=np.where(higher, bound, self.lower_bound),
             impossible=self.impossible | impossible,
-            tabled=self.tabled & ~higher,
+            proof=np.where(higher, PROOFS.index(proof), self.proof),
         )
 
     def bound(self, craft: slice = slice(None)) -> tuple[float, str]:
         """Lower bound on the total fuel of some craft, m/s², and how it is proven."""
-        proof = TABLE if self.tabled[craft].all() else PROGRAM
-        return float(self.lower_bound[craft].sum()), proof
+        return float(self.lower_bound[craft].sum()), PROOFS[self.proof[craft].max()]
 
 
 def decoupled_optima(
@@ -98,8 +101,8 @@ def decoupled_optima(
         controls, bound = found.controls, found.bound
         within = np.abs(controls).max(axis=(1, 2)) <= control_limit(problem)
         feasible = found.exact & within
-    by_table = found is not None and found.tabled
-    tabled, hopeless = np.full(len(miss), by_table), np.zeros(len(miss), dtype=bool)
+    by_program = found is None or not found.tabled
+    proof, hopeless = np.full(len(miss), int(by_program)), np.zeros(len(miss), dtype=bool)
     beyond = np.flatnonzero(~feasible).tolist()
     if beyond:
         at, alike = state_constraints(initial, goal, problem, {}), limits_of((), len(miss), problem)
@@ -109,11 +112,11 @@ def decoupled_optima(
         alone = limited_optima(energy, at[one], problem, alike[one])
         feasible[one], hopeless[one] = alone.feasible, alone.impossible
         controls[one] = alone.controls
-        tabled[one] &= alone.lower_bound <= bound[one]
+        proof[one] = np.maximum(proof[one], alone.lower_bound > bound[one])
         bound[one] = np.maximum(bound[one], alone.lower_bound)
     exact = meet_goal(initial, controls, goal, problem)
     basis = None if found is None else found.basis
-    return DecoupledOptima(exact, bound, feasible, hopeless, tabled, basis)
+    return DecoupledOptima(exact, bound, feasible, hopeless, proof, basis)
 
 
 def minimum_fuel(miss: Formation, problem: Problem) -> MinimumFuelTransfers | None:
@@ -201,7 +204,7 @@ def limited_optima(
     least_delta_v = bound * problem.time_step
     not_possible |= least_delta_v > limits.delta_v * (1 + LIMIT_ROUNDING)
     return DecoupledOptima(
-        controls, bound, feasible & ~not_possible, not_possible, np.zeros(n, dtype=bool)
+        controls, bound, feasible & ~not_possible, not_possible, np.ones(n, dtype=int)
     )
 
 

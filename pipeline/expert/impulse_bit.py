@@ -11,15 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.expert.batch import Batch
+from pipeline.expert.batch import Batch, allowed_thrust
 from pipeline.expert.conic_decoupled import decoupled_program, polished
+from pipeline.expert.decoupled import INTEGERS, DecoupledOptima
 from pipeline.expert.incumbents import SearchResult
 from pipeline.expert.scp import Search, SearchProblem
 from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.arrays import Controls, norm
-from pipeline.orbit.problem import Problem
+from pipeline.orbit.problem import LIMIT_ROUNDING, Problem
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import burn_sizes, craft_fuel, too_small
+from pipeline.orbit.transfer import has_one_plan
 
 ROUNDS = 16  # plans at most
 NEGLIGIBLE = 0.03  # share of the smallest burn up to which burns are dropped and never raised
@@ -37,8 +39,13 @@ def _searched_again(task: SearchProblem, result: SearchResult) -> SearchResult:
     """The result of one scenario, searched again where a burn is too small."""
     batch, limits = task.batch, task.batch.limits
     assert limits is not None
-    if not too_small(result.controls, limits, batch.problem).any():
+    small = too_small(result.controls, limits, batch.problem).any(axis=(1, 2))
+    if not small.any():
         return result
+    if has_one_plan(batch.problem):
+        bit = f"{batch.problem.thrust.min_delta_v:g} m/s"
+        why = f"no other controls reach the goals, and with these craft {small.argmax()} has burns"
+        return replace(result, feasible=False, obstacle=f"{why} below {bit}", infeasible=True)
     pointed = batch.problem.thrust.directions is None
     found = (_search_pointed if pointed else _search_by_integers)(task, result)
     if result.feasible:
@@ -49,29 +56,54 @@ def _searched_again(task: SearchProblem, result: SearchResult) -> SearchResult:
 
 def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResult:
     """Search with programs whose thrusts are zero or large enough."""
-    from pipeline.expert.mixed_integer import by_integers  # by SciPy, slow to import
-
-    batch, optima = task.batch, task.batch.optima
-    assert batch.limits is not None
-    assert batch.constraints is not None
-    controls = optima.controls.copy()
-    small = too_small(controls, batch.limits, batch.problem)
-    for k in np.flatnonzero(small.any(axis=(1, 2))):
-        craft = slice(k, k + 1)
-        at = batch.constraints[craft]
-        sub = decoupled_program(at, batch.limits[craft], batch.problem).sub
-        try:
-            alone = by_integers(sub).controls.reshape(1, -1, 3)
-        except UnsolvableError as error:
-            why = f"craft {k} alone: {error}"
-            return replace(result, feasible=False, obstacle=why)
-        controls[craft] = polished(alone, at, batch.limits[craft], batch.problem)
+    batch, bit = task.batch, task.batch.problem.thrust.min_delta_v
+    try:
+        optima = integer_optima(batch)
+    except UnsolvableError as error:
+        return replace(result, feasible=False, obstacle=str(error))
+    if optima.impossible.any():
+        (scenario,) = batch.scenarios
+        large_enough = f"by burns of at least {bit:g} m/s {allowed_thrust(scenario)}"
+        why = f"craft {optima.impossible.argmax()} cannot reach its goal {large_enough}"
+        proven = f"{why}, which is proven"
+        return replace(result, feasible=False, obstacle=proven, infeasible=True)
     start = Batch(batch.scenarios, batch.limits, batch.constraints)
-    start.optima = replace(optima, controls=controls)
+    start.optima = optima
     search = replace(task, batch=start, whole_burns=True)
     (found,) = Search(search, [result.controls]).run()
-    solves = result.convex_solves + found.convex_solves
-    return _unless_small(replace(found, convex_solves=solves), batch)
+    solves, bound = result.convex_solves + found.convex_solves, optima.lower_bound
+    return _unless_small(replace(found, convex_solves=solves, lower_bound=bound), batch)
+
+
+def integer_optima(batch: Batch) -> DecoupledOptima:
+    """Decoupled optima of thrusters with fixed directions, by burns as large as the smallest.
+
+    UnsolvableError where such burns of a craft are not found, nor proven to be impossible. Nothing
+    is proven of a craft with waypoints at open times, of which these programs have one choice.
+    """
+    # By SciPy, slow to import
+    from pipeline.expert.mixed_integer import by_integers, proven_infeasible
+
+    optima, limits, constraints = batch.optima, batch.limits, batch.constraints
+    assert limits is not None
+    assert constraints is not None
+    controls, bound = optima.controls.copy(), np.zeros(len(optima))
+    impossible, fixed = np.zeros(len(optima), dtype=bool), np.isinf(batch.open_bound)
+    small = too_small(controls, limits, batch.problem)
+    for k in np.flatnonzero(small.any(axis=(1, 2))):
+        craft = slice(k, k + 1)
+        alone = constraints[craft], limits[craft], batch.problem
+        sub = decoupled_program(*alone).sub
+        try:
+            found = by_integers(sub)
+        except UnsolvableError as error:
+            impossible[k] = fixed[k] and proven_infeasible(sub)
+            if not impossible[k]:
+                raise UnsolvableError(f"craft {k} alone: {error}") from error
+            continue
+        controls[craft], bound[k] = polished(found.controls.reshape(1, -1, 3), *alone), found.bound
+    dear = bound * batch.problem.time_step > limits.delta_v * (1 + LIMIT_ROUNDING)
+    return replace(optima.at_least(bound, impossible | dear & fixed, INTEGERS), controls=controls)
 
 
 def _search_pointed(task: SearchProblem, result: SearchResult) -> SearchResult:

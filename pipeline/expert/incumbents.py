@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Int
 from pipeline.expert.batch import Batch
 from pipeline.expert.cuts import Cuts
-from pipeline.orbit.arrays import Controls, CraftMask
+from pipeline.orbit.arrays import Controls, CraftMask, PerCraft
 
 SLACK_TOLERANCE = 1e-5  # slack, m, below which a half-space counts as satisfied
 
@@ -24,6 +24,7 @@ class SearchResult:
     obstacle: str = ""  # reason why there is no safe plan, or empty
     infeasible: bool = False  # whether it is proven to exclude every plan
     fuel_without: float | None = None  # of the plan that ignores the smallest burn, m/s²
+    lower_bound: PerCraft | None = None  # on the fuel by burns as large as the smallest, m/s²
 
 
 class Incumbents:

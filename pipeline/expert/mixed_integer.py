@@ -6,6 +6,7 @@ are excluded from the start, and other sets as they appear. So are controls whos
 limit, by planes that cut off a bit of the sphere.
 """
 
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -23,12 +24,17 @@ from pipeline.orbit.thrust_cost import cost
 
 GAP = 1e-3  # relative gap at which branch and bound ends
 NODES = 500  # of its tree at most, after which it ends with the best solution so far
+TOLERANCE = 1e-5  # share of bounds that tolerances of the solver and of burn sizes may take
 FEASIBLE = 1e-9  # tolerance of rows; times the largest thrust it is far below a burn
 ROUNDS = 20  # programs at most, each with rows against what was wrong in those before
 INSIDE = 0.995  # distance of a plane from the origin over the norm's limit: one serves for 6°
 # A row with an upper bound: indices of variables, their coefficients, and the bound
 BoundedRow = tuple[Int[Array, "_"], Float[Array, "_"], float]
 _FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionLimit)
+
+
+class _InfeasibleError(UnsolvableError):
+    """The solver found that there is no solution."""
 
 
 class _IntegerProgram(ConicProgram):
@@ -58,8 +64,17 @@ class _IntegerProgram(ConicProgram):
         most[np.setdiff1d(np.arange(self.thrusts), self.kept)] = 0.0
         return np.asarray(most)
 
+    def beyond_big_m(self) -> float:
+        """Lower bound on the cost of solutions with a thrust beyond a big M, if there are any."""
+        big_m = self._far_beyond_typical()
+        limited = self.limits.component / self.sub.unit <= big_m
+        return float(np.where(limited, np.inf, big_m).min())
+
     def _far_beyond_typical(self) -> Float[Array, "n"]:
-        """The largest of 1 and what each craft needs by its own rows, times all intervals."""
+        """Twice the largest of 1 and what each craft needs by its own rows, in all intervals.
+
+        Bounds are no higher, as a larger thrust is not excluded but by its own cost.
+        """
         sub, (n, m, _) = self.sub, self.sub.shape
         assert sub.constrained is not None
         scale = sub.goal_scale * sub.constrained
@@ -67,7 +82,7 @@ class _IntegerProgram(ConicProgram):
         least_energy = np.matvec(np.linalg.pinv(reach), scale * sub.miss)
         dearest = cost(np.concatenate([np.eye(3), -np.eye(3)]), sub.thrust).max()
         needed = dearest * np.abs(least_energy).max(axis=1) / sub.unit
-        return np.asarray(np.maximum(1.0, needed) * (m / 3))
+        return np.asarray(2 * np.maximum(1.0, needed) * (m / 3))
 
     def not_together(self, thrusts: Int[Array, "_"]) -> BoundedRow:
         """The row that excludes some thrusts from being nonzero all at once."""
@@ -91,8 +106,8 @@ class _IntegerProgram(ConicProgram):
             for each in np.flatnonzero(craft == craft[s]).tolist()
         ]
 
-    def best(self, added: list[BoundedRow]) -> Float[Array, "v"]:
-        """Optimal variables of the mixed-integer program with additional rows."""
+    def best(self, added: list[BoundedRow]) -> tuple[Float[Array, "v"], float]:
+        """Optimal variables with additional rows, and a lower bound on their scaled cost."""
         (rows, upper), N = self.rows(), self.thrusts
         width = rows.shape[1]
         more = sparse.lil_array((len(added), width))
@@ -120,12 +135,13 @@ class _IntegerProgram(ConicProgram):
         run(solver, long=True)
         status = solver.getModelStatus()
         if status not in _FOUND or not np.isfinite(solver.getInfo().objective_function_value):
+            none = status == highspy.HighsModelStatus.kInfeasible
             reason = solver.modelStatusToString(status)
-            raise UnsolvableError(
+            raise (_InfeasibleError if none else UnsolvableError)(
                 f"the search for burns that are large enough stopped with {reason}"
             )
         found = np.array(solver.getSolution().col_value)
-        return np.asarray(found[: width - N])
+        return found[: width - N], float(solver.getInfo().mip_dual_bound)
 
 
 def by_integers(sub: Subproblem) -> Optimum:
@@ -135,19 +151,39 @@ def by_integers(sub: Subproblem) -> Optimum:
     """
     program = _IntegerProgram(sub)
     N, V, k = program.thrusts, len(program.price), len(sub.required)
-    added = program.wasteful_pairs()
+    added, bound, within_norm = program.wasteful_pairs(), 0.0, False
     for _ in range(ROUNDS):
-        found = program.best(added)
+        found, proven = program.best(added)
+        if not within_norm:
+            bound = max(bound, min(proven, program.beyond_big_m()) * (1 - TOLERANCE))
         fired = found[:N].reshape(-1, V)
         fired = np.where(fired > LIMIT_ROUNDING * fired.max(initial=0.0), fired, 0.0)
         control = fired @ program.effect.T
         spent, least = fired.sum(axis=1), cost(control, sub.thrust)
         dear = np.flatnonzero(spent > least * (1 + LIMIT_ROUNDING))
         wrong = [program.not_together(V * s + np.flatnonzero(fired[s])) for s in dear]
-        wrong += program.beyond_norm(control)
-        if not wrong:
+        planes = program.beyond_norm(control)
+        if not wrong and not planes:
             found[:N] = fired.ravel()
             slack = LENGTH * found[N : N + k]
-            return Optimum(program.controls_of(found), slack, np.zeros(k))
-        added += wrong
+            controls = program.controls_of(found)
+            return Optimum(controls, slack, np.zeros(k), bound=bound * sub.unit)
+        within_norm |= len(planes) > 0  # slightly inside of the limit, which proves nothing
+        added += wrong + planes
     raise UnsolvableError("no burns were found that fire at the least cost within the norm's limit")
+
+
+def proven_infeasible(sub: Subproblem) -> bool:
+    """Whether no thrusts that are zero or large enough solve a subproblem, tolerances included."""
+    assert sub.limits is not None
+    assert sub.thrust.min_delta_v is not None
+    larger = replace(sub.limits, component=(1 + TOLERANCE) * sub.limits.component)
+    smaller = replace(sub.thrust, min_delta_v=(1 - TOLERANCE) * sub.thrust.min_delta_v)
+    program = _IntegerProgram(replace(sub, limits=larger, thrust=smaller))
+    if np.isfinite(program.beyond_big_m()):
+        return False
+    try:
+        program.best(program.wasteful_pairs())
+    except UnsolvableError as error:
+        return isinstance(error, _InfeasibleError)
+    return False

@@ -60,6 +60,7 @@ class Optimum:
     slack: Values  # violation of each half-space, m
     dual: Values  # dual variables of half-spaces, m/s² per m
     basis: Basis | None = None  # where ``last`` was given and the final basis is of this kind
+    bound: float = 0.0  # lower bound on the cost, m/s², by branch and bound
 
 
 @dataclass(frozen=True, eq=False)

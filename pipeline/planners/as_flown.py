@@ -17,7 +17,9 @@ import numpy as np
 from pipeline.arrays import Array, Bool, Float
 from pipeline.errors import InputError, ProlearnError
 from pipeline.expert.batch import Batch, impossible_for_any_goals, impossible_states
-from pipeline.expert.decoupled import minimum_fuel
+from pipeline.expert.decoupled import INTEGERS, minimum_fuel
+from pipeline.expert.impulse_bit import integer_optima
+from pipeline.expert.subproblem import UnsolvableError
 from pipeline.orbit.arrays import Controls, CraftMask, States, Values, norm
 from pipeline.orbit.corridors import Corridor, Faces
 from pipeline.orbit.nonlinear import NonlinearFlight
@@ -27,7 +29,7 @@ from pipeline.orbit.separation import node_distances
 from pipeline.orbit.thrust import Limits, Thrust
 from pipeline.orbit.thrust_cost import allocated_thrusts
 from pipeline.orbit.transfer import COAST, fly
-from pipeline.plan.certificate import Certificate
+from pipeline.plan.certificate import Certificate, gap_of
 from pipeline.plan.judge import POSITION_TOLERANCE, Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED, Plan
 from pipeline.plan.requirements import Requirements
@@ -47,6 +49,7 @@ MOST_FUEL_ADDED = 1e-3  # by corrections, as a share of the bound; beyond it pla
 SAMPLES = 24  # times of an arc at which its bound counts corridors, besides their begin and end
 MOST_SAMPLES = 4_000  # of all arcs, for which memory is enough
 MOST_PLANS = 4  # plans that are made at most, the first included
+ABOUT_FLIGHT = "about the flight, to first order"  # how bounds are meant
 
 Waypoints = tuple[Waypoint, ...]
 
@@ -101,7 +104,7 @@ class AsFlown(PlannerWrapper):
             if linear.status == SOLVED:
                 plan = _corrected(scenario, linear, self.requirements, passed)
                 best = min(best, plan, key=_rank)
-        best = _with_saving_in_flight(best, scenario)
+        best = _with_saving_in_flight(_with_bound_of_burns(best, linear), scenario)
         spent = perf_counter() - started - best.timing["certificate"]
         timing = {**best.timing, "plan": planning + spent}
         return replace(best, convex_solves=solves, timing=timing)
@@ -127,7 +130,7 @@ class AsFlown(PlannerWrapper):
 def _is_dear(plan: Plan, linear: Certificate) -> bool:
     """Whether corrections add much to the fuel of a linear plan, beside what bounds change."""
     found = plan.certificate
-    if plan.scenario.corridors:  # on which bounds depend too much
+    if plan.scenario.corridors or linear.smallest_burn:  # on which bounds depend too much
         return found.fuel > linear.fuel * (1 + MOST_FUEL_ADDED)
     return found.optimality_gap > linear.optimality_gap + MOST_FUEL_ADDED
 
@@ -252,6 +255,28 @@ def _corrected(
     return replace(plan, status=UNSOLVED, message=why)
 
 
+def _with_bound_of_burns(plan: Plan, linear: Plan) -> Plan:
+    """A plan whose bound counts the smallest burn, as that of the linear plan does."""
+    if not (plan.as_flown and linear.certificate.fuel_lower_bound_proof.startswith(INTEGERS)):
+        return plan
+    found, free = plan.certificate, replace(plan.scenario, corridors=())
+    batch = Batch([_shifted_to_linear(free, plan.controls, plan.states)])
+    try:
+        batch.optima = integer_optima(batch)
+    except UnsolvableError:
+        return plan
+    bound, proof = batch.bound(0)
+    if bound <= found.fuel_lower_bound:
+        return plan
+    counting = replace(
+        found,
+        fuel_lower_bound=bound,
+        optimality_gap=gap_of(found.fuel, bound, plan.scenario.problem),
+        fuel_lower_bound_proof=f"{proof}, {ABOUT_FLIGHT}",
+    )
+    return replace(plan, certificate=counting)
+
+
 def _with_saving_in_flight(plan: Plan, asked: Scenario) -> Plan:
     """A plan whose bound for the given order of goals, and saving, are those of its flight."""
     if plan.assignment is None or not plan.as_flown:
@@ -308,7 +333,7 @@ def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan)
         certificate = linear.certificate
         bound, proof = certificate.fuel_lower_bound + change, certificate.fuel_lower_bound_proof
     least, timing = batch.least_share(0), {"plan": linear.timing.get("plan", 0.0)}
-    proof = f"{proof}, about the flight, to first order"
+    proof = f"{proof}, {ABOUT_FLIGHT}"
     return Draft(controls, bound, proof, linear.convex_solves, timing, least)
 
 

@@ -485,6 +485,17 @@ def test_what_an_impulse_bit_costs_is_told_of_the_flight_too():
     assert plan.status == SOLVED
     burn = plan.certificate.smallest_burn
     assert burn.fuel_without == linear.certificate.smallest_burn.fuel_without > 0
+    # What the flight is off costs far less than such burns do
+    cost = plan.certificate.fuel_lower_bound / burn.fuel_without - 1
+    assert cost > 0.004
+    assert cost == pytest.approx(
+        linear.certificate.fuel_lower_bound / burn.fuel_without - 1, rel=0.1
+    )
+    assert 0 <= plan.certificate.optimality_gap < 2e-3
+    assert plan.certificate.fuel_lower_bound_proof == (
+        "branch and bound of each craft's own mixed-integer program, about the flight, to first "
+        "order"
+    )
 
 
 @pytest.mark.parametrize("bit", [0.005, 0.02])

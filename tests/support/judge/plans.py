@@ -114,6 +114,10 @@ def judge_plan(
         told = timed and problem.thrusters is None
         inside = least_fuel_inside(scenario, problem, initial, goal) if told else fuel
         most = min(float(np.sum(inside)) * (1 + 1e-5), fuel)  # a bit more between those times
+    given = problem.thrusters
+    pointed = given is not None and isinstance(given.model, str) and given.model == "norm"
+    if given is not None and given.bit > 0 and not pointed:
+        most = max(most, fuel)  # what burns as large as the bit need is told by tests of these
     claim = said.get("passive_safety")
     adrift = None
     if claim is not None and n > 1:
