@@ -232,14 +232,21 @@ def test_the_bound_of_a_swarm_with_an_impulse_bit_is_what_its_craft_need_by_such
     assert plan.status == SOLVED, plan.message
     assert judged(scenario, plan).wrong == ()
     bounded = with_thrust(few, Thrust(min_delta_v=0.05), limit=0.5)
-    proven, attained = sum(
-        np.array(least_with_bit(replace(bounded, initial=few.initial[k], goal=few.goal[k]), 0.05))
-        for k in ([0], [1])
-    )
+    alone = [replace(bounded, initial=few.initial[k], goal=few.goal[k]) for k in ([0], [1])]
+    needs = np.array([least_with_bit(one, 0.05) for one in alone])
+    proven, attained = needs.sum(axis=0)
     bound = plan.certificate.fuel_lower_bound
     assert (1 - 2e-3) * proven <= bound <= attained * (1 + 1e-6)
     assert bound > 1.02 * least(scenario).sum()
     assert plan.certificate.fuel_lower_bound_proof == INTEGERS
+    left = np.array([2.0, 3.0])
+    craft = tuple(Spacecraft(delta_v=one) for one in left.tolist())
+    fair = with_thrust(few, Thrust(min_delta_v=0.05, objective="fair"), craft)
+    plan = solve(fair)
+    assert judged(fair, plan).wrong == ()
+    proven, attained = (few.problem.time_step * needs / left[:, None]).max(axis=0)
+    bound = plan.certificate.largest_share.bound
+    assert (1 - 2e-3) * proven <= bound <= attained * (1 + 1e-6)
 
 
 def test_too_little_delta_v_for_burns_as_large_as_the_bit_is_proven():

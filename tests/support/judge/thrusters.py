@@ -72,6 +72,11 @@ class Thrusters:
             document.get("objective") == "fair",
         )
 
+    @property
+    def bit_counts(self) -> bool:
+        """Whether bounds may count the least Δv of a burn, as those of fixed directions do."""
+        return self.bit > 0 and not (isinstance(self.model, str) and self.model == "norm")
+
     def firings(self, controls: np.ndarray) -> np.ndarray:
         """Thrust of each thruster, (n, T-1, K): what gives a control at the least sum."""
         if isinstance(self.model, str):
