@@ -62,11 +62,10 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
     except UnsolvableError as error:
         return replace(result, feasible=False, obstacle=str(error))
     if optima.impossible.any():
-        (scenario,) = batch.scenarios
-        large_enough = f"by burns of at least {bit:g} m/s {allowed_thrust(scenario)}"
-        why = f"craft {optima.impossible.argmax()} cannot reach its goal {large_enough}"
-        proven = f"{why}, which is proven"
-        return replace(result, feasible=False, obstacle=proven, infeasible=True)
+        given = f"by burns of at least {bit:g} m/s {allowed_thrust(batch.scenarios[0])}"
+        who = f"craft {optima.impossible.argmax()}"
+        why = f"{who} cannot reach its goal {given}, which is proven"
+        return replace(result, feasible=False, obstacle=why, infeasible=True)
     start = Batch(batch.scenarios, batch.limits, batch.constraints)
     start.optima = optima
     search = replace(task, batch=start, whole_burns=True)

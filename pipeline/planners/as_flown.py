@@ -273,6 +273,8 @@ def _with_bound_of_burns(plan: Plan, linear: Plan) -> Plan:
         fuel_lower_bound=bound,
         optimality_gap=gap_of(found.fuel, bound, plan.scenario.problem),
         fuel_lower_bound_proof=f"{proof}, {ABOUT_FLIGHT}",
+        largest_share=found.largest_share
+        and replace(found.largest_share, bound=batch.least_share(0)),
     )
     return replace(plan, certificate=counting)
 
