@@ -1,6 +1,6 @@
 """Independent scenarios stacked along the craft axis."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -25,6 +25,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.separation import swarm_node_collisions
 from pipeline.orbit.thrust import Limits
 from pipeline.orbit.thrust_cost import cost
+from pipeline.plan.plan import Plan
 from pipeline.scenario import Scenario, participants, shared_problem
 from pipeline.scenario.spacecraft import limits_of
 from pipeline.scenario.state_constraints import StateConstraints, state_constraints
@@ -140,9 +141,9 @@ class Batch:
         return part
 
     def raise_bounds(self, k: int, bound: PerCraft) -> None:
-        """Raise lower bounds of a scenario's craft to those by mixed-integer programs, m/s².
+        """Raise lower bounds on the fuel of a scenario's craft to those by mixed-integer programs.
 
-        But where waypoints have open times, of which these programs have one choice.
+        In m/s². Not with waypoints at open times, of which these programs have one choice.
         """
         least, craft = np.zeros(len(self.initial)), self.craft[k]
         if np.isinf(self.open_bound[craft]).all():
@@ -181,6 +182,24 @@ class Batch:
         ends = self.initial[one], self.goal[one], self.problem
         held = decoupled_optima(*ends, free, at[one]).impossible[0]
         return f"; {at.missed_by_drift(k)[1]}" if held else ""
+
+
+def in_batches(
+    scenarios: Sequence[Scenario], plan: Callable[[Sequence[int]], list[Plan]]
+) -> list[Plan]:
+    """Plans of scenarios, made in batches such that no plan depends on others in its batch.
+
+    ``plan`` makes those of a batch, given by indices. With limits of each craft a scenario is a
+    batch, since an interior-point method stops at controls that depend in their last digits on all
+    craft of its program.
+    """
+    batches: dict[int | None, list[int]] = {}
+    for k, scenario in enumerate(scenarios):
+        batches.setdefault(None if scenario.limits is None else k, []).append(k)
+    made: dict[int, Plan] = {}
+    for some in batches.values():
+        made |= zip(some, plan(some), strict=True)
+    return [made[k] for k in range(len(scenarios))]
 
 
 def allowed_thrust(scenario: Scenario) -> str:

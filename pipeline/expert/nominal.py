@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from pipeline.expert.batch import Batch
+from pipeline.expert.batch import Batch, in_batches
 from pipeline.expert.clusters import cluster_labels
 from pipeline.expert.conflicts import BackOff, Trajectory
 from pipeline.expert.impulse_bit import without_small_burns
@@ -35,14 +35,22 @@ def nominal_plans(
     As in ``solve_many``, but without a limit on risk, and seeds are controls, m/s²; ``back_off`` is
     kept beyond the collision radius because of errors.
     """
-    batches = _batches(scenarios)
-    if len(batches) != 1:
-        each: dict[int, Plan] = {}
-        for some in batches:
-            part = [scenarios[k] for k in some], None if seeds is None else [seeds[k] for k in some]
-            found = nominal_plans(*part, settings, requirements, back_off)
-            each |= zip(some, found, strict=True)
-        return [each[k] for k in range(len(scenarios))]
+
+    def planned(some: Sequence[int]) -> list[Plan]:
+        part = [scenarios[k] for k in some], None if seeds is None else [seeds[k] for k in some]
+        return _nominal_batch(*part, settings, requirements, back_off)
+
+    return in_batches(scenarios, planned)
+
+
+def _nominal_batch(
+    scenarios: Sequence[Scenario],
+    seeds: Seeds | None,
+    settings: Settings,
+    requirements: Requirements,
+    back_off: BackOff | None,
+) -> list[Plan]:
+    """As ``nominal_plans``, for one batch."""
     batch, requirements = Batch(scenarios), requirements.nominal
     task = SearchProblem(batch, settings, requirements, back_off)
     started = perf_counter()
@@ -64,18 +72,6 @@ def nominal_plans(
     ]
     plans = certified_plans("expert", scenarios, made, requirements)
     return [_explained(*both) for both in zip(plans, results, strict=True)]
-
-
-def _batches(scenarios: Sequence[Scenario]) -> list[list[int]]:
-    """Group scenarios, by index, into batches, such that no plan depends on others in its batch.
-
-    With limits of each craft a scenario is a batch, since an interior-point method stops at
-    controls that depend in their last digits on all craft of its program.
-    """
-    each: dict[int | None, list[int]] = {}
-    for k, scenario in enumerate(scenarios):
-        each.setdefault(None if scenario.limits is None else k, []).append(k)
-    return [*each.values()]
 
 
 def with_back_off(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from pipeline.expert import Settings, solve_many
-from pipeline.expert.batch import Batch
+from pipeline.expert.batch import Batch, in_batches
 from pipeline.orbit.arrays import Controls
 from pipeline.orbit.transfer import minimum_energy, project_to_flyable, straight_line
 from pipeline.plan.judge import Draft, certified_plans
@@ -40,13 +40,12 @@ class Baseline:
     def plan(self, scenarios: Sequence[Scenario]) -> list[Plan]:
         """One plan for each scenario, which does not depend on the others."""
         asked = scenario_list(scenarios)
-        # An interior-point method stops at controls that depend on all craft of its program.
-        limited = any(one.limits is not None for one in asked)
-        batches = [[one] for one in asked] if limited else [asked]
-        plans: list[Plan] = []
-        for some in batches:
-            plans += plans_from_controls(self.name, some, self.controls, self.requirements)
-        return plans
+
+        def planned(some: Sequence[int]) -> list[Plan]:
+            part = [asked[k] for k in some]
+            return plans_from_controls(self.name, part, self.controls, self.requirements)
+
+        return in_batches(asked, planned)
 
 
 def _straight_line(batch: Batch) -> Controls:
