@@ -141,7 +141,7 @@ def store_errors(uri: str) -> Iterator[None]:
 
 
 def _reason(error: BaseException) -> str:
-    """Why something failed; of files that MLflow cannot fetch, why the last of them."""
+    """The cause of an error in one line; for several files that MLflow cannot fetch, the last's."""
     lines = str(error).splitlines()
     return first_line(lines[-1] if lines and lines[0].endswith(":") else error)
 

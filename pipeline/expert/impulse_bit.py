@@ -75,13 +75,13 @@ def _search_by_integers(task: SearchProblem, result: SearchResult) -> SearchResu
 
 
 def integer_optima(batch: Batch) -> DecoupledOptima:
-    """Decoupled optima of thrusters with fixed directions, by burns as large as the smallest.
+    """Decoupled optima with a minimum impulse bit, for thrusters with fixed directions.
 
     UnsolvableError where such burns of a craft are not found, nor proven to be impossible. Nothing
     is proven of a craft with waypoints at open times, of which these programs have one choice.
     """
     # By SciPy, slow to import
-    from pipeline.expert.mixed_integer import by_integers, proven_infeasible
+    from pipeline.expert.mixed_integer import by_integers, integer_infeasible
 
     optima, limits, constraints = batch.optima, batch.limits, batch.constraints
     assert limits is not None
@@ -96,7 +96,7 @@ def integer_optima(batch: Batch) -> DecoupledOptima:
         try:
             found = by_integers(sub)
         except UnsolvableError as error:
-            impossible[k] = fixed[k] and proven_infeasible(sub)
+            impossible[k] = fixed[k] and integer_infeasible(sub)
             if not impossible[k]:
                 raise UnsolvableError(f"craft {k} alone: {error}") from error
             continue

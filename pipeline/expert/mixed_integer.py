@@ -34,7 +34,7 @@ _FOUND = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kSolutionL
 
 
 class _InfeasibleError(UnsolvableError):
-    """The solver found that there is no solution."""
+    """HiGHS finds that a mixed-integer program is infeasible."""
 
 
 class _IntegerProgram(ConicProgram):
@@ -107,7 +107,7 @@ class _IntegerProgram(ConicProgram):
         ]
 
     def best(self, added: list[BoundedRow]) -> tuple[Float[Array, "v"], float]:
-        """Optimal variables with additional rows, and a lower bound on their scaled cost."""
+        """Optimal variables with additional rows, and a lower bound on the optimum's cost."""
         (rows, upper), N = self.rows(), self.thrusts
         width = rows.shape[1]
         more = sparse.lil_array((len(added), width))
@@ -173,8 +173,8 @@ def by_integers(sub: Subproblem) -> Optimum:
     raise UnsolvableError("no burns were found that fire at the least cost within the norm's limit")
 
 
-def proven_infeasible(sub: Subproblem) -> bool:
-    """Whether no thrusts that are zero or large enough solve a subproblem, tolerances included."""
+def integer_infeasible(sub: Subproblem) -> bool:
+    """Whether a subproblem with a smallest impulse bit is infeasible, also with eased limits."""
     assert sub.limits is not None
     assert sub.thrust.min_delta_v is not None
     larger = replace(sub.limits, component=(1 + TOLERANCE) * sub.limits.component)

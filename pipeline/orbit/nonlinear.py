@@ -114,7 +114,7 @@ class NonlinearFlight:
         return np.asarray(positions - linear[..., :3].reshape(positions.shape))
 
     def from_linear_at(self, states: States, time: Values) -> Float[Array, "n t 3"]:
-        """As ``from_linear``, at times in s since the first node."""
+        """Deviation from linear motion as in ``from_linear``, m, at times since the start, s."""
         step = self.problem.time_step
         interval = np.minimum(time // step, self.problem.intervals - 1).astype(int)
         piece, weights = self._interpolation(time - interval * step)

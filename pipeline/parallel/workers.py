@@ -115,7 +115,7 @@ def _thread_pools(_modules: int) -> ThreadpoolController:
 
 
 def _loaded(load: Callable[[Task], Content], task: Task) -> Content | Exception:
-    """The content of a task, or the error; joblib hides one that is raised where it loads."""
+    """The content of a task, or the error of loading it: joblib hides errors raised there."""
     try:
         return load(task)
     except Exception as error:

@@ -121,7 +121,7 @@ def position(states, controls, problem, node, since):
 
 
 EDGES = [0.02, 0.5, 0.98]
-"""When in an interval craft meet: at both ends of what is left out, and in its middle."""
+"""Shares of an interval at which craft meet: near its start, in the middle, near its end."""
 
 
 def meetings(flown, problem, orbits):
@@ -152,7 +152,7 @@ def test_one_that_turns_back_where_a_craft_is_adrift_is_found(step):
 @pytest.mark.parametrize("moment", EDGES)
 @pytest.mark.parametrize("step", [20.0, 120.0])
 def test_one_adrift_that_turns_about_another_is_found(step, moment):
-    """It passes the origin at 50 m/s, which bends its path by 0.1 m/s² off its chord."""
+    """Past the origin at 50 m/s; Coriolis acceleration, 0.1 m/s², bends its path off the chord."""
     problem, orbits = Problem(time_step=step, nodes=6), 0.1
     e, last, flown, met = problem.mean_motion, problem.intervals, [], set()
     for k in range(last, last + int(orbits * PERIOD / step)):
