@@ -37,7 +37,7 @@ SHARD = re.compile(rf"({SCENARIOS}|{TIMINGS})?n=\d+/part-\d{{5,}}\.parquet")  # 
 OWNED = rf"{SHARD.pattern}|{re.escape(CARD)}"  # pattern of the files that a dataset's writers make
 # Files that a dataset may hold besides its shards
 OTHER_FILES = re.compile(
-    rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|\..*", re.DOTALL
+    rf"{WRITTEN}|{LOCK}|({FOREIGN}|{DAMAGED}).*|{re.escape(CARD)}|(.*/)?\..*", re.DOTALL
 )
 # Files and folders directly inside the folder of a dataset
 TOP_LEVEL = re.compile(

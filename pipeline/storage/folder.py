@@ -215,6 +215,8 @@ def _filesystem(url: str) -> tuple[Any, str]:
     scheme, limited = url.partition("://")[0], url
     if scheme in ("gs", "gcs") and "retry_limit_seconds=" not in url:
         limited += f"{'&' if '?' in url else '?'}retry_limit_seconds={GCS_SECONDS}"
+    # Else S3 gets checksums among the content, where servers that do not know them leave them.
+    os.environ.setdefault("AWS_REQUEST_CHECKSUM_CALCULATION", "when_required")
     try:
         try:
             return fs.FileSystem.from_uri(limited)

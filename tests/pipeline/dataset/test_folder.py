@@ -7,7 +7,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from threading import Barrier, Lock, Thread
 
 import fsspec
@@ -233,6 +233,33 @@ def test_a_dataset_on_a_web_server_is_verified(solved):
                 list(verify(f"{url}/empty", workers=ONE))
         finally:
             server.shutdown()
+
+
+def test_a_server_of_s3_that_knows_no_checksums_in_the_content_gets_the_content_alone(monkeypatch):
+    monkeypatch.delenv("AWS_REQUEST_CHECKSUM_CALCULATION", raising=False)
+    put = {}
+
+    class Bucket(BaseHTTPRequestHandler):
+        def do_HEAD(self):
+            self.send_error(404)
+
+        def do_PUT(self):
+            put[self.path] = self.rfile.read(int(self.headers["Content-Length"]))
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Bucket) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            here = f"scheme=http&endpoint_override=127.0.0.1:{server.server_port}&region=x"
+            folder = open_folder(f"s3://key:word@bucket/n6?{here}&allow_delayed_open=true")
+            folder.publish("notes.txt", b"all of it")
+        finally:
+            server.shutdown()
+    assert put == {"/bucket/n6/notes.txt": b"all of it"}
 
 
 class Filling(Progress):

@@ -112,6 +112,16 @@ def test_foreign_files_are_named_and_moved_out_of_the_readers_way(solved):
     assert pq.read_table(solved).num_rows == 13
 
 
+@pytest.mark.parametrize("name", [".git/x", "n=3/.DS_Store", "_scenarios/n=3/.nfs000000c100000002"])
+def test_hidden_files_of_others_are_no_faults_and_stay(solved, name):
+    (solved / name).parent.mkdir(exist_ok=True)
+    (solved / name).touch()
+    assert found(solved) == set()
+    repair(solved, yes=True, workers=ONE)
+    assert (solved / name).exists()
+    assert pq.read_table(solved).num_rows == 13
+
+
 def forge(folder, change, name=SHARD):
     """Change a shard and give the manifest its new digest, as only a bug of ours could."""
     path = folder / name
