@@ -54,10 +54,12 @@ def metrics_of(
     model_id: str | None = None,
     step: int = 0,
     stamp: int | None = None,
+    dataset: Dataset | None = None,
 ) -> list[Any]:
-    """MLflow's metrics, as of now, of a run and of a model that it logged."""
+    """MLflow's metrics, as of now, of a run, of a model that it logged and of a dataset."""
+    of = (model_id, *((dataset.name, dataset.digest) if dataset else (None, None)))
     stamp = now() if stamp is None else stamp
-    return [Metric(k, float(v), stamp, step, model_id=model_id) for k, v in values.items()]
+    return [Metric(k, float(v), stamp, step, *of) for k, v in values.items()]
 
 
 def curve_metrics(history: Mapping[str, Sequence[float | int]]) -> list[Any]:

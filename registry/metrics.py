@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, SupportsFloat
 
 import pandas as pd
+from mlflow.entities import Dataset
 from mlflow.exceptions import MlflowException
 
 from pipeline.experiments.records import TABLES, EpochLosses
@@ -33,8 +35,8 @@ def add_model_results(
             run = models.run_of_version(store, version.run_id)
             if run is None:
                 raise FileNotFoundError("it is gone")
-            _add_metrics(store, version, metrics, run.data.metrics)
             used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)
+            _add_metrics(store, version, metrics, run.data.metrics, used.dataset)
             store.client.log_inputs(version.run_id, [used])
             store.client.log_artifacts(version.run_id, str(figures), "figures")
         except Exception as error:  # of any kind: where files are, each cloud's library has its own
@@ -49,6 +51,7 @@ def _add_metrics(
     version: models.ModelVersion,
     metrics: Mapping[int, Mapping[str, SupportsFloat]],
     there: Collection[str],
+    dataset: Dataset,
 ) -> None:
     """Add metrics to a run and its model, dated after those ``there``, as clocks may differ."""
     try:
@@ -59,16 +62,31 @@ def _add_metrics(
     history = store.client.get_metric_history
     known = [metric.timestamp for name in names for metric in history(version.run_id, name)]
     stamp = min(max([entities.now(), *(time + 1 for time in known)]), LATEST)
-    added = [m for step, of in metrics.items() for m in entities.metrics_of(of, model, step, stamp)]
+    as_metrics = partial(entities.metrics_of, model_id=model, stamp=stamp, dataset=dataset)
+    added = [m for step, values in metrics.items() for m in as_metrics(values, step=step)]
     store.client.log_batch(version.run_id, metrics=added)
 
 
-def model_metric_by_size(version: models.ModelVersion, name: str) -> dict[int, float]:
-    """A metric of experiment 2 in a model's own run, by swarm size; empty where there is none."""
+def model_metrics_by_size(
+    version: models.ModelVersion, names: Collection[str]
+) -> tuple[str, dict[str, dict[int, float]]]:
+    """Metrics of experiment 2 of a model on the dataset that it was evaluated on last.
+
+    The first digits of the dataset's digest, empty in evaluations by earlier versions, and the
+    metrics that there are, by name and swarm size.
+    """
     with opened(create=False) as store:
-        there = models.run_of_version(store, version.run_id) is not None
-        history = store.client.get_metric_history(version.run_id, name) if there else []
-    return {m.step: m.value for m in sorted(history, key=lambda m: m.timestamp)}
+        try:
+            there = store.client.get_logged_model(version.model_id).metrics or ()
+        except MlflowException:
+            there = ()
+    found = sorted((m for m in there if m.key in names), key=lambda m: m.timestamp)
+    digest = found[-1].dataset_digest if found else None
+    by_size: dict[str, dict[int, float]] = {}
+    for metric in found:
+        if metric.dataset_digest == digest:
+            by_size.setdefault(metric.key, {})[metric.step] = metric.value
+    return digest or "", by_size
 
 
 def training_tables(

@@ -16,11 +16,12 @@ from pipeline.networks.refiner.model import FOLDER, SAFE, STEADY
 from pipeline.networks.refiner.on_board import STEPS, outputs, value
 from pipeline.networks.refiner.on_board_export import TOLERANCE as CRAFT_TOLERANCE
 from pipeline.networks.refiner.on_board_export import ExportedCraft, export_craft
-from registry.metrics import model_metric_by_size
+from registry.metrics import model_metrics_by_size
 from registry.models import PREFIX, ModelVersion, load
 
 PACKAGED = "packaged"  # the refiner that comes with the package, which is in no registry
-Measured = Mapping[str, Mapping[int, float]]  # metrics of experiment 2 by name, then by swarm size
+# A dataset's digest, and metrics of experiment 2 on it by name, then by swarm size
+Measured = tuple[str, Mapping[str, Mapping[int, float]]]
 
 # Metrics of experiment 2 in the card, with their headings
 BY_SIZE = {
@@ -70,7 +71,7 @@ def export(
     refuse_options(version, n, flown=flown)
     names = () if version is None else ("uri", "run_id", "dataset_digest")
     known = {"uri": PACKAGED} | {name: getattr(version, name) for name in names}
-    measured = {} if version is None else {k: model_metric_by_size(version, k) for k in BY_SIZE}
+    measured = ("", {}) if version is None else model_metrics_by_size(version, BY_SIZE)
     about = {
         **known,
         "arch": model.architecture,
@@ -123,6 +124,7 @@ def _model_card(version: ModelVersion, model: Model, exported: Exported, measure
         interface=table(("", "name", "shape, float32", "content"), interface),
         training=_training(version, model),
         measured=_by_size(measured),
+        data=measured[0],
     )
 
 
@@ -154,6 +156,7 @@ def _craft_card(
         T=model.problem.nodes,
         training=_training(version, model),
         measured=_by_size(measured),
+        data=measured[0],
     )
 
 
@@ -194,12 +197,13 @@ def _training(version: ModelVersion | None, model: Model) -> Markdown:
 
 
 def _by_size(measured: Measured) -> Markdown:
-    measured = {name: by_n for name, by_n in measured.items() if by_n}
-    if not measured:
+    _, found = measured
+    known = {name: found[name] for name in BY_SIZE if name in found}
+    if not known:
         return Markdown()
-    sizes = sorted({n for by_n in measured.values() for n in by_n})
-    rows = [(n, *(_short(m[n]) if n in m else "" for m in measured.values())) for n in sizes]
-    return table(("n", *(BY_SIZE[name] for name in measured)), rows)
+    sizes = sorted({n for by_n in known.values() for n in by_n})
+    rows = [(n, *(_short(m[n]) if n in m else "" for m in known.values())) for n in sizes]
+    return table(("n", *(BY_SIZE[name] for name in known)), rows)
 
 
 def _short(value: float) -> str:

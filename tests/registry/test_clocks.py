@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.training.loop import Trained
-from registry.metrics import add_model_results, model_metric_by_size
+from registry.metrics import add_model_results, model_metrics_by_size
 from registry.models import ModelVersion, resolve
 from registry.results import earlier_run, evaluation, latest, record
 from registry.store import EVALUATION, connect, recorded_run
@@ -66,7 +66,7 @@ def test_an_evaluation_with_its_clock_behind_gives_the_model_its_newest_metrics(
     assert child(CLOCK_BEHIND + ADDS) == 0
     assert resolve("ff1").metrics["exp1_flown_fuel"] == 0.5
     assert resolve("ff1").metrics["exp2_flown_fuel"] == 0.25
-    assert model_metric_by_size(version, "exp2_flown_fuel") == {10: 0.25}
+    assert model_metrics_by_size(version, ["exp2_flown_fuel"])[1] == {"exp2_flown_fuel": {10: 0.25}}
 
 
 def test_runs_of_earlier_versions_which_have_no_number_are_older_and_ordered_by_their_clocks(

@@ -25,7 +25,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.parallel.workers import Workers
 from pipeline.training.loop import Trained
-from registry.metrics import model_metric_by_size
+from registry.metrics import model_metrics_by_size
 from registry.models import list_versions
 from registry.results import experiment_run, table_of
 from registry.training import DatasetInfo
@@ -59,7 +59,8 @@ def test_an_evaluation_that_broke_off_among_the_models_is_not_done(
     assert not job.evaluate(asked, workers=ALONE, resume=True).earlier
     for version in list_versions():
         assert "exp1_flown_collisions" in version.metrics
-        assert model_metric_by_size(version, "exp2_flown_trials") == {CRAFT: 1}
+        of_data, by_name = model_metrics_by_size(version, ["exp2_flown_trials"])
+        assert (by_name["exp2_flown_trials"], of_data) == ({CRAFT: 1}, on_solved.digest[:36])
     assert job.evaluate(asked, workers=ALONE, resume=True).earlier
 
 

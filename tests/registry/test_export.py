@@ -200,14 +200,18 @@ def test_the_card_says_what_goes_in_what_comes_out_and_what_was_measured(
         n: {"exp2_flown_trials": trials, "exp2_flown_safe_share": safe}
         for n, trials, safe in ((3, 1000, 0.75), (30, 2, 0.125))
     }
-    used = ("data/paper", dataset.digest)
-    add_model_results(resolve("ff1"), measured, folder / "figures", dataset=used)
+    of_others = {n: {"exp2_flown_trials": 7, "exp2_flown_safe_share": 0.5} for n in (3, 10)}
+    for digest, values in (("1234abcd" * 8, of_others), (dataset.digest, measured)):
+        used = ("data/paper", digest)
+        add_model_results(resolve("ff1"), values, folder / "figures", dataset=used)
 
     export("ff1", "--out", "x.onnx")
 
     card = (folder / "x.onnx.md").read_text(encoding="utf-8")
     rows = [re.findall(r"[^| ]+", line) for line in card.splitlines() if line.startswith("|")]
     assert ["3", "1000", "0.75"] in rows and ["30", "2", "0.125"] in rows
+    assert ["10", "7", "0.5"] not in rows  # of other data
+    assert f"on the dataset whose digest begins with `{dataset.digest[:36]}`" in card
     assert "apart: the share of unsafe plans is above. Check" in card
     assert "(safe: the plan keeps all limits of thrust, and no pair comes within" in card
     for word in ("m/s", "LVLH", "(batch, n, 6)", dataset.digest, "models:/prolearn-ff1/1"):

@@ -29,7 +29,7 @@ from pipeline.figures.transfer import Example
 from pipeline.networks.architecture import recipe_for
 from pipeline.training.loop import Epoch, Trained
 from registry.environment import versions_of
-from registry.metrics import add_model_results, model_metric_by_size, training_tables
+from registry.metrics import add_model_results, model_metrics_by_size, training_tables
 from registry.models import champion_of, list_versions, load, newest_trainings, resolve
 from registry.results import arrays_of, evaluation, record
 from registry.store import EVALUATION
@@ -176,7 +176,7 @@ def test_a_model_whose_run_is_gone_is_used_and_its_evaluation_stays_out_of_the_r
     assert load("ff1/2")[1] == found
     add_model_results(version, {0: {"x": 1.0}}, project / "files", dataset=("data", "d"))
     assert f"The evaluation of {version.uri} is not added to its training run" in "".join(warned)
-    assert model_metric_by_size(version, "valid_loss") == {}
+    assert model_metrics_by_size(version, ["x"]) == ("", {})
     training, curves = training_tables([found])
     assert (len(training), len(curves)) == (1, 0)
 
