@@ -368,12 +368,19 @@ class OrbitPlace:
     def fields(self, orbit: "ReferenceOrbit | None") -> dict[str, Any]:
         """Epoch and angles, as far as known, as a file's ``reference``; an orbit's are osculating.
 
-        They are none for an orbit without an epoch.
+        They are none for an orbit without an epoch. InputError for some of the four alone.
         """
         if orbit is not None and self.epoch is None:
             return {}
-        known = {"epoch": self.epoch, **{k: getattr(orbit or self, k) for k in ANGLES}}
-        return {name: value for name, value in known.items() if value is not None}
+        place = {"epoch": self.epoch, **{k: getattr(orbit or self, k) for k in ANGLES}}
+        known = {name: value for name, value in place.items() if value is not None}
+        if known and len(known) < len(place):
+            raise InputError(
+                f"--{next(iter(known)).removesuffix('_deg').replace('_', '-')} is given, but not "
+                "all that says where an orbit is; expected all of --epoch, --inclination, --raan "
+                "and --argument-of-latitude, or none of them."
+            )
+        return known
 
 
 ErrorPreset = Literal["cold-gas", "calibrated", "uncalibrated", "electric", "none"]

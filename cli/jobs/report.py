@@ -78,7 +78,7 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
     others, notes = _other_parts(run)
     parts = {EVALUATED: first, **others}
     if gone := len(set(_model_names(run))) - len(first.models):
-        notes.append(f"Training: {gone} of the evaluated models are no longer there.")
+        notes.append(f"Training: evaluated models that are no longer there: {gone}.")
     try:
         return build_report(_results(parts, examples, notes), out)
     except (ProlearnError, OSError):  # of the store, or the disk

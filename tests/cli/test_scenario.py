@@ -184,7 +184,7 @@ def test_options_that_do_not_go_together_are_refused_in_a_sentence(run, tmp_path
         (("--from", ring, "--to", "craft=2,size=9,tilt_deg=x"), "goal.rings[0].tilt_deg is 'x'"),
         (("--n", "0"), "n is 0"),
         (("--altitude", "-1"), "altitude"),
-        (("--raan", "3"), "reference.epoch is missing"),
+        (("--raan", "3"), "all of --epoch, --inclination, --raan and"),
     ):
         done = run("scenario", "new", "s.json", *options)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr

@@ -243,7 +243,7 @@ def test_results_of_a_deleted_model_are_not_those_of_a_new_one_with_its_uri(
     assert f"Experiment 4: the newest run ({times.run_id}, 20" in text
     assert "no longer there" not in text
     text = report(Path("old"), first.run_id).markdown.read_text()
-    assert "1 of the evaluated models are no longer there" in text
+    assert "evaluated models that are no longer there: 1." in text
     assert "Experiment 4: the newest run" not in text
 
 
