@@ -203,7 +203,8 @@ def html_page(title: str, markdown: str, pictures: Mapping[str, bytes]) -> str:
             caption = Markup(parser.renderInline(inline.content[found.end() :]))
             data = base64.b64encode(pictures[found["src"]]).decode()
             opened.type = inline.type = closed.type = "html_block"
-            inline.content = FIGURE_HTML.format(label=found["label"], data=data, caption=caption)
+            figure = FIGURE_HTML.format(label=found["label"], data=data, caption=caption)
+            inline.content = str(figure)  # markup would escape what the parser appends it to
     contents = _heading_ids(tokens)
     body = parser.renderer.render(tokens, parser.options, {})
     # The body comes out of the parser, which escapes what the text contains.

@@ -268,8 +268,7 @@ def decoupled_optima(
 ) -> TensorDecoupled:
     """As ``programs.decoupled_optima``."""
     device = initial.device
-    units = torch.tensor([1.0, 1 / problem.time_step], dtype=initial.dtype, device=device)
-    units = units.repeat_interleave(3)
+    units = initial.new_tensor([1.0] * 3 + [1 / problem.time_step] * 3)
     miss = (goal - initial @ grid.drift[-6:].T) * units
     (C, _), m = miss.shape, grid.reach.shape[1]
     table = facets_of(problem)
