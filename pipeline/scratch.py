@@ -11,7 +11,8 @@ from uuid import uuid4
 
 from filelock import FileLock
 
-PREFIX = "prolearn-scratch-"
+# With the machine's name: others may share the folder and not see this machine's locks
+PREFIX = f"prolearn-scratch-{os.uname().nodename}-"
 SUFFIX = ".lock"
 TOKEN = len(uuid4().hex)  # characters between a prefix and the suffix
 NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows none

@@ -106,6 +106,14 @@ def test_what_another_user_left_in_a_shared_folder_is_left_alone(place: Path):
     assert not (place / name).exists()
 
 
+def test_what_another_machine_has_in_a_folder_that_shows_no_locks_of_others_stays(place: Path):
+    name = f"prolearn-scratch-another-{'0' * 32}"
+    (place / name).mkdir()
+    (place / f"{name}.lock").touch()
+    clear_scratch()
+    assert (place / name).is_dir() and (place / f"{name}.lock").exists()
+
+
 def test_libraries_make_their_temporary_files_where_they_are_told_to(place: Path):
     with scratch_folder() as folder:
         with temporary_files_in(folder), tempfile.NamedTemporaryFile() as file:
