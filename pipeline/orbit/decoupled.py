@@ -28,7 +28,7 @@ ROUNDING = 1e-8  # share of the fuel by which a weight may be negative, or a pri
 # Points of a hull of more than four dimensions, such as about an oblate Earth, where all motion is
 # coupled: facets grow with their cube. These many have 70,000, found in 0.7 s
 MOST_POINTS = 240
-AT_ONCE = 250_000  # effects of controls along normals at once, which bounds memory
+AT_ONCE = 250_000  # products with normals of facets at once, which bounds memory
 DEPENDENT = 1e-15  # share of the largest singular value of R up to which one counts as 0
 SHORT = 1e-6  # share of a change of state that a transfer may miss it by, for rounding
 MISSED = np.repeat([1e-6, 1e-9], 3)  # error at the goal that is allowed in any case, m and m/s
@@ -68,24 +68,34 @@ def minimum_fuel_by_table(
         return None
     flat = np.zeros((len(miss), 3 * problem.intervals))
     bound, basis = np.zeros(len(miss)), np.zeros(miss.shape, dtype=int)
+    craft = np.arange(len(miss))[:, None]
     for facets in table:
-        part = miss[:, facets.component]
-        value = np.matvec(facets.dual, part)
-        chosen = value.argmax(axis=1)
-        weight = np.matvec(facets.weights.take(chosen, 0), part)
-        outside = weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)
-        for k in outside.nonzero()[0].tolist():
-            # Of several coplanar facets the ray meets the one whose weights are not negative.
-            near = np.flatnonzero(value[k] >= value[k].max() - ROUNDING * np.abs(value[k].max()))
-            weights = np.matvec(facets.weights[near], part[k])
-            best = weights.min(axis=1).argmax()
-            chosen[k], weight[k] = near[best], weights[best]
-        craft = np.arange(len(miss))[:, None]
-        column, sign = facets.column.take(chosen, 0), facets.sign.take(chosen, 0)
+        change, some = miss[:, facets.component], max(AT_ONCE // len(facets.dual), 1)
+        begins = range(0, max(len(change), 1), some)
+        found = [_on_facets(facets, change[begin : begin + some]) for begin in begins]
+        met, weight, least = map(np.concatenate, zip(*found, strict=True))
+        column, sign = facets.column.take(met, 0), facets.sign.take(met, 0)
         flat[craft, column] = weight * sign
         basis[:, facets.component] = column + (sign < 0) * flat.shape[1]
-        bound += value[craft[:, 0], chosen]
+        bound += least
     return _transfers(flat, bound, basis, tabled=True)
+
+
+def _on_facets(
+    facets: Facets, change: Float[Array, "N d"]
+) -> tuple[Int[Array, "N"], Float[Array, "N d"], Float[Array, "N"]]:
+    """The facet that each change's ray meets, weights of its corners, and the gauge."""
+    value = np.matvec(facets.dual, change)
+    met = value.argmax(axis=1)
+    weight = np.matvec(facets.weights.take(met, 0), change)
+    outside = weight.min(axis=1) < -ROUNDING * np.abs(weight).sum(axis=1)
+    for k in outside.nonzero()[0].tolist():
+        # Of several coplanar facets the ray meets the one whose weights are not negative.
+        near = np.flatnonzero(value[k] >= value[k].max() - ROUNDING * np.abs(value[k].max()))
+        weights = np.matvec(facets.weights[near], change[k])
+        best = weights.min(axis=1).argmax()
+        met[k], weight[k] = near[best], weights[best]
+    return met, weight, value[np.arange(len(met)), met]
 
 
 def transfers_of_bases(
