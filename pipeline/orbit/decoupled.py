@@ -70,7 +70,9 @@ def minimum_fuel_by_table(
     bound, basis = np.zeros(len(miss)), np.zeros(miss.shape, dtype=int)
     craft = np.arange(len(miss))[:, None]
     for facets in table:
-        change, some = miss[:, facets.component], max(AT_ONCE // len(facets.dual), 1)
+        # By ``take``, contiguous for any N, as products of BLAS may round others differently.
+        change = miss.take(facets.component, axis=1)
+        some = max(AT_ONCE // len(facets.dual), 1)
         begins = range(0, max(len(change), 1), some)
         found = [_on_facets(facets, change[begin : begin + some]) for begin in begins]
         met, weight, least = map(np.concatenate, zip(*found, strict=True))
