@@ -123,8 +123,8 @@ def _model_card(version: ModelVersion, model: Model, exported: Exported, measure
         times=table(("n", "ms"), times),
         interface=table(("", "name", "shape, float32", "content"), interface),
         training=_training(version, model),
-        measured=_by_size(measured),
         data=measured[0],
+        measured=_by_size(measured[1]),
     )
 
 
@@ -155,8 +155,8 @@ def _craft_card(
         steps={name: _step_interface(name) for name in STEPS},
         T=model.problem.nodes,
         training=_training(version, model),
-        measured=_by_size(measured),
         data=measured[0],
+        measured=_by_size(measured[1]),
     )
 
 
@@ -196,9 +196,8 @@ def _training(version: ModelVersion | None, model: Model) -> Markdown:
     return table(("", ""), rows)
 
 
-def _by_size(measured: Measured) -> Markdown:
-    _, found = measured
-    known = {name: found[name] for name in BY_SIZE if name in found}
+def _by_size(measured: Mapping[str, Mapping[int, float]]) -> Markdown:
+    known = {name: measured[name] for name in BY_SIZE if name in measured}
     if not known:
         return Markdown()
     sizes = sorted({n for by_n in known.values() for n in by_n})
