@@ -70,10 +70,10 @@ def _add_metrics(
 def model_metrics_by_size(
     version: models.ModelVersion, names: Collection[str]
 ) -> tuple[str, dict[str, dict[int, float]]]:
-    """Metrics of experiment 2 of a model on the dataset that it was evaluated on last.
+    """A model's metrics by swarm size (experiment 2), on the dataset of its last evaluation.
 
-    The first digits of the dataset's digest, empty in evaluations by earlier versions, and the
-    metrics that there are, by name and swarm size.
+    Returns the first digits of the dataset's digest, empty in evaluations by earlier versions, and
+    the metrics that there are, by name and swarm size.
     """
     with opened(create=False) as store:
         try:

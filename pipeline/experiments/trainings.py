@@ -118,7 +118,7 @@ ALIKE = ["device", "threads", "n", "train_instances"]  # columns that are equal 
 
 
 def findings(training: pd.DataFrame) -> list[Finding]:
-    """Whether feed-forward networks train faster than LSTMs by one recipe, with ALIKE equal."""
+    """Whether feed-forward networks train faster than LSTMs by the same recipe on equal data."""
     timed = training.dropna(subset=["seconds"])
     timed = timed[timed["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
     for recipe in ("paper", "tuned", ""):

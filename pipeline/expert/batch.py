@@ -141,9 +141,9 @@ class Batch:
         return part
 
     def raise_bounds(self, k: int, bound: PerCraft) -> None:
-        """Raise lower bounds on the fuel of a scenario's craft to those by mixed-integer programs.
+        """Raise lower bounds on the fuel of a scenario's craft to bounds by branch and bound, m/s².
 
-        In m/s². Not with waypoints at open times, of which these programs have one choice.
+        Not with waypoints at open times, of which mixed-integer programs have one choice.
         """
         least, craft = np.zeros(len(self.initial)), self.craft[k]
         if np.isinf(self.open_bound[craft]).all():

@@ -1,4 +1,4 @@
-"""The subproblem with a smallest impulse bit, by HiGHS: each thrust is zero or at least that bit.
+"""The subproblem with a minimum impulse bit, by HiGHS: each thrust is zero or at least that bit.
 
 A binary variable for each thrust says whether the thruster fires. Thrusters that fire together
 must produce their control at the least cost, as a plan stores their sum alone: pairs that do not
@@ -7,6 +7,7 @@ limit, by planes that cut off a bit of the sphere.
 """
 
 from dataclasses import replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -59,21 +60,25 @@ class _IntegerProgram(ConicProgram):
 
     def most(self) -> Float[Array, "N"]:
         """Upper bounds on scaled thrusts: limits, or else a big M; 0 where none is allowed."""
-        limit = np.minimum(self.limits.component / self.sub.unit, self._far_beyond_typical())
+        limit = np.minimum(self.limits.component / self.sub.unit, self.big_m)
         most = np.repeat(limit[self.slots[0]], len(self.price))
         most[np.setdiff1d(np.arange(self.thrusts), self.kept)] = 0.0
         return np.asarray(most)
 
     def beyond_big_m(self) -> float:
-        """Lower bound on the cost of solutions with a thrust beyond a big M, if there are any."""
-        big_m = self._far_beyond_typical()
-        limited = self.limits.component / self.sub.unit <= big_m
-        return float(np.where(limited, np.inf, big_m).min())
+        """Lower bound on the cost of any solution with a thrust above the big M.
 
-    def _far_beyond_typical(self) -> Float[Array, "n"]:
-        """Twice the largest of 1 and what each craft needs by its own rows, in all intervals.
+        Infinite where limits of thrust exclude these.
+        """
+        limited = self.limits.component / self.sub.unit <= self.big_m
+        return float(np.where(limited, np.inf, self.big_m).min())
 
-        Bounds are no higher, as a larger thrust is not excluded but by its own cost.
+    @cached_property
+    def big_m(self) -> Float[Array, "n"]:
+        """Big M of each craft's scaled thrusts, for intervals without a limit of thrust.
+
+        Twice the largest of 1 and what the craft needs by its own rows, in all intervals. Lower
+        bounds are no higher, as a larger thrust is not excluded but by its own cost.
         """
         sub, (n, m, _) = self.sub, self.sub.shape
         assert sub.constrained is not None
@@ -174,7 +179,7 @@ def by_integers(sub: Subproblem) -> Optimum:
 
 
 def integer_infeasible(sub: Subproblem) -> bool:
-    """Whether a subproblem with a smallest impulse bit is infeasible, also with eased limits."""
+    """Whether a subproblem with a minimum impulse bit is infeasible even with relaxed limits."""
     assert sub.limits is not None
     assert sub.thrust.min_delta_v is not None
     larger = replace(sub.limits, component=(1 + TOLERANCE) * sub.limits.component)

@@ -77,7 +77,7 @@ class SearchProblem:
     settings: Settings  # of the expert
     requirements: Requirements  # what the plans must satisfy, without a risk limit
     back_off: BackOff | None = None  # beyond the collision radius, because of errors
-    whole_burns: bool = False  # whether programs have the smallest impulse bit
+    whole_burns: bool = False  # whether programs have the minimum impulse bit
 
     @cached_property
     def detection(self) -> ConflictDetection:

@@ -44,7 +44,7 @@ class Thrust:
             thruster that is pointed, ‖u‖₂; or directions, unit vectors in LVLH of the accelerations
             that thrusters give, of which each control is a sum.
         max_acceleration_norm: limit on ‖u‖₂, m/s², or None.
-        min_delta_v: smallest impulse bit: least Δv of a burn that is not zero, of a thruster over
+        min_delta_v: minimum impulse bit: least Δv of a burn that is not zero, of a thruster over
             an interval, m/s, or None.
         no_burn: stretches of time from and to, s since the first node, in which no craft burns; an
             interval that overlaps one has no burn.
@@ -125,7 +125,7 @@ class Limits(Rows):
     norm: PerCraft  # largest ‖u‖₂, m/s²
     delta_v: PerCraft  # Δv left, m/s
     burns: Bool[Array, "n intervals 3"]  # components that may be nonzero
-    # directions in which a pointed thruster gives at least the smallest impulse bit; 0 for none
+    # directions in which a pointed thruster gives at least the minimum impulse bit; 0 for none
     least: Float[Array, "n intervals 3"] | None = None
 
     @property

@@ -254,7 +254,7 @@ def burn_sizes(controls: Controls, limits: Limits, problem: Problem) -> Controls
 
 
 def too_small(controls: Controls, limits: Limits, problem: Problem) -> Bool[Array, "n intervals 3"]:
-    """Mask of components that are part of a burn below the smallest impulse bit."""
+    """Mask of components that are part of a burn below the minimum impulse bit."""
     if (least := problem.thrust.min_delta_v) is None:
         return np.zeros(controls.shape, dtype=bool)
     size = burn_sizes(controls, limits, problem)

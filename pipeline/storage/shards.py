@@ -79,7 +79,7 @@ def decode(
 
 
 def read_verified(folder: Folder, name: str, digest: str) -> bytes:
-    """Read a shard and verify its SHA-256; InputErrors do not name the shard."""
+    """The bytes of a shard whose SHA-256 is verified; InputErrors do not name the shard."""
     try:
         content = folder.read(name)
     except OSError as error:

@@ -197,7 +197,7 @@ def test_impulse_bits_of_one_craft_cost_what_a_mixed_integer_program_says(model,
 
 @cache
 def largest_with_bit(model, bit):
-    """The largest control of thrusters with a smallest impulse bit and no limit on the norm."""
+    """The largest control of thrusters with a minimum impulse bit and no limit on the norm."""
     free = solve(with_thrust(FEW, Thrust(model, min_delta_v=bit), limit=0.03))
     return float(np.linalg.norm(free.controls, axis=2).max())
 
@@ -225,7 +225,7 @@ def test_impulse_bits_beside_a_limit_on_the_norm_cost_little_more_than_the_least
 
 
 def test_the_bound_of_a_swarm_with_an_impulse_bit_is_what_its_craft_need_by_such_burns():
-    """By HiGHS' own mixed-integer program of each craft, where thrust has no limit that counts."""
+    """Against a mixed-integer program of each craft, with a thrust limit that no plan reaches."""
     few = draw("rings", 0, 2, 4, FEW.problem)
     scenario = with_thrust(few, Thrust(min_delta_v=0.05))
     plan = solve(scenario)
@@ -468,9 +468,9 @@ def test_a_signal_ends_a_search_for_burns_as_large_as_the_bit(monkeypatch):
 
 
 def least_with_bit(scenario, bit):
-    """Bounds on the least fuel of thrusters that are off or at no less than a bit, by HiGHS, m/s².
+    """Minimum fuel with a minimum impulse bit by a mixed-integer program, m/s².
 
-    What it has proven, at most 0.1 % less, and what it has found.
+    A lower bound that HiGHS has proven, at most 0.1 % below, and the fuel that it has found.
     """
     reach, miss, unit = maps(scenario)
     directions = scenario.problem.thrust.directions

@@ -503,7 +503,7 @@ def test_what_an_impulse_bit_costs_is_told_of_the_flight_too():
 
 @pytest.mark.parametrize("bit", [0.005, 0.02])
 def test_corrections_fire_no_thrusters_but_those_of_the_plan(monkeypatch, bit):
-    """Others would burn less than the smallest impulse bit. Of the first plan that is made."""
+    """Others would burn less than the minimum impulse bit. Of the first plan that is made."""
     monkeypatch.setattr("pipeline.planners.as_flown.MOST_PLANS", 1)
     axes = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / 3**0.5
     scenario = swarm("rings", 0.01, n=3)

@@ -74,7 +74,7 @@ class Thrusters:
 
     @property
     def bit_counts(self) -> bool:
-        """Whether bounds may count the least Δv of a burn, as those of fixed directions do."""
+        """Whether lower bounds may count the minimum impulse bit: with fixed directions they do."""
         return self.bit > 0 and not (isinstance(self.model, str) and self.model == "norm")
 
     def firings(self, controls: np.ndarray) -> np.ndarray:
