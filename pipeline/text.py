@@ -37,8 +37,8 @@ def as_argument(place: object) -> str:
 
 
 HIDDEN = "..."
-# A URL inside a sentence; a second one directly behind the first is one of its own
-_URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")
+_URLS = re.compile(r"[\w.+-]+://\S*")  # inside a sentence, with what is directly behind
+_URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")  # up to a second one directly behind
 _CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation
 _BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the scheme
 
@@ -55,7 +55,7 @@ def public(text: object, *urls: object) -> str:
             shown = shown.replace(piece, "") if len(piece) > 1 else shown
         for word in sorted(_words(before, after), key=len, reverse=True):
             shown = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", HIDDEN, shown)
-    return _URL.sub(_in_sentence, shown)
+    return _URLS.sub(_in_sentence, shown)
 
 
 def public_url(url: object) -> str:
@@ -95,6 +95,12 @@ def _words(before: str, after: str) -> set[str]:
 
 
 def _in_sentence(found: re.Match[str]) -> str:
+    # What looks like a second URL may be part of a password.
+    unclear = "@" in found[0] and len(_URL.findall(found[0])) > 1
+    return public_url(found[0]) if unclear else _URL.sub(_without_closing, found[0])
+
+
+def _without_closing(found: re.Match[str]) -> str:
     closing = _CLOSING.search(found[0])
     end = closing.start() if closing else len(found[0])
     return public_url(found[0][:end]) + found[0][end:]

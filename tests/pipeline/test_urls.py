@@ -44,9 +44,14 @@ def test_user_password_query_and_fragment_are_left_out_of_a_url_and_of_a_sentenc
 
 
 PASSWORDS = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=8)
+MARKS = st.lists(st.sampled_from(["://", "/", "@", "?", "#", ":", "s3", "'", ")"]), min_size=1)
 
 
-@given(PASSWORDS, st.sampled_from(["s3", "memory", "http", "postgresql"]), st.booleans())
+@given(
+    PASSWORDS | MARKS.map("".join),
+    st.sampled_from(["s3", "memory", "http", "postgresql"]),
+    st.booleans(),
+)
 def test_no_password_whatever_is_in_it_is_shown(password, scheme, escaped):
     password = f"<{password}>"
     given = quote(password, safe="") if escaped else password
@@ -61,6 +66,11 @@ def test_no_password_whatever_is_in_it_is_shown(password, scheme, escaped):
 def test_where_a_password_cannot_be_told_from_the_rest_only_the_scheme_is_shown():
     for password in ("se/cret", "se?cret", "s@e#cret", "s@e/cret"):
         assert public_url(f"ftp://me:{password}@host:21/n10") == "ftp://..."
+
+
+def test_two_urls_side_by_side_are_both_shown_where_no_password_is_in_them():
+    assert public("s3://a/b?sig=secret,tcp://10.0.0.1:8786") == "s3://a/b,tcp://10.0.0.1:8786"
+    assert public("s3://a/b,http://me:secret@host/c") == "s3://..."
 
 
 def test_a_url_with_spaces_is_known_where_it_is_named():
