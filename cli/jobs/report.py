@@ -67,9 +67,11 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
 
     InputError also for a URL; InputError or OSError where the folder cannot be written to.
     """
-    if (out / MANIFEST).exists():
-        kind = "a folder of trials" if any(out.glob("loop=*")) else "a dataset's folder"
-        raise InputError(f"{out} is {kind}; expected another: give it with --out.")
+    for folder in (out, *out.absolute().parents):
+        if (folder / MANIFEST).exists():
+            kind = "a folder of trials" if any(folder.glob("loop=*")) else "a dataset's folder"
+            place = "is" if folder == out else f"is in {folder},"
+            raise InputError(f"{out} {place} {kind}; expected another: give it with --out.")
     refuse_unwritable(out / "report.md")  # before all is read and drawn
     run = evaluation(run_id)
     first = ReportedRun(run, sound_table(run), _models_of(run))
