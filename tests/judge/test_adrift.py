@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from judge import Case, closest_adrift, fly, judge_plan
+from judge.adrift import distance_adrift
 
 FREE = {"mean_motion": 1e-9, "time_step": 10.0, "nodes": 5, "collision_radius": 15.0}
 ORBITS = 100.0 * 1e-9 / (2 * np.pi)
@@ -29,6 +30,23 @@ def test_a_craft_that_cannot_brake_passes_where_its_path_leads():
     assert (found.lost, found.other) == (0, 1)
     assert found.node in (0, 1, 2)
     assert found.time == pytest.approx(45.0, abs=1e-3)
+
+
+def test_the_closest_approach_is_found_far_from_the_closest_point_of_the_grid():
+    rng = np.random.default_rng(195)
+    initial = rng.normal(size=(2, 6)) * np.repeat([60.0, 4.0], 3)
+    controls = rng.normal(size=(2, 4, 3)) * 0.4
+    states = fly(Case.of(FREE), initial, controls)
+    flight = Case.of(FREE), states, controls
+    every = [
+        distance_adrift(*flight, pair, node, 10.0 * node + since)
+        for pair in ((0, 1), (1, 0))
+        for node in range(5)
+        for since in np.linspace(0, 100, 201)
+    ]
+    found = closest_adrift(*flight, ORBITS)
+    assert found.distance == pytest.approx(min(every), abs=0.05)
+    assert found.distance <= min(every)
 
 
 def test_a_drift_that_ends_before_is_no_danger():

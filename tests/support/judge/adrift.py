@@ -1,8 +1,8 @@
 """How close a craft that has lost its thrust comes to the others: a dense grid, then refined.
 
-It looks at every craft, every node and every other craft; the grid's steps are so short that the
-closest approach is beside the least of its points, and a scalar minimiser goes on from there, but
-where the way from one point of the grid to the next is too short to come closest of all.
+It looks at every craft, every node and every other craft. The grid's steps are so short that a
+scalar minimiser finds the closest approach in each; it looks at those where the way from one point
+of the grid to the next is long enough to come closest of all.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ def closest_adrift(
     """
     length = orbits * 2 * np.pi / problem.rate
     grid = problem.step / min(PARTS, np.ceil(problem.step * problem.rate / 2 / np.pi / SHORT))
-    arcs, least = [], np.inf
+    arcs = []
     for node in range(problem.nodes):
         begin = node * problem.step
         times = np.append(np.arange(0.0, length, grid), length)
@@ -52,17 +52,20 @@ def closest_adrift(
         gap = adrift[:, None] - flown[None]
         apart = np.linalg.norm(gap, axis=-1)
         moved = np.linalg.norm(np.diff(gap, axis=2), axis=-1)
-        lower = ((apart[..., 1:] + apart[..., :-1] - CURVED * moved) / 2).min(axis=-1)
-        for lost, other in zip(*np.nonzero(~np.eye(len(states), dtype=bool)), strict=True):
-            at = int(apart[lost, other].argmin())
-            near = float(apart[lost, other, at])
-            least = min(least, near)
-            around = times[max(at - 1, 0)], times[min(at + 1, len(times) - 1)]
-            arcs.append((lower[lost, other], (near, int(lost), node, int(other), around)))
-    return min(
-        (_refined(problem, states, controls, *arc) for lower, arc in arcs if lower < least),
-        key=lambda one: one.distance,
-    )
+        lower = (apart[..., 1:] + apart[..., :-1] - CURVED * moved) / 2
+        lower[range(len(states)), range(len(states))] = np.inf
+        for lost, other, k in np.argwhere(lower <= apart[~np.eye(len(states), dtype=bool)].min()):
+            sides = int(lost), node, int(other)
+            arcs.append(
+                (float(lower[lost, other, k]), *sides, float(times[k]), float(times[k + 1]))
+            )
+    best = Adrift(np.inf, 0, 0, 0, 0.0)
+    for bound, lost, node, other, *around in sorted(arcs):
+        if bound > best.distance:
+            break
+        found = _refined(problem, states, controls, lost, node, other, (around[0], around[1]))
+        best = min(best, found, key=lambda one: one.distance)
+    return best
 
 
 def distance_adrift(
@@ -100,7 +103,6 @@ def _refined(
     problem: Case,
     states: np.ndarray,
     controls: np.ndarray,
-    near: float,
     lost: int,
     node: int,
     other: int,
@@ -113,4 +115,4 @@ def _refined(
 
     found = minimize_scalar(apart, bounds=around, method="bounded", options={"xatol": 1e-6})
     best, since = min((found.fun, found.x), *((apart(since), since) for since in around))
-    return Adrift(min(float(best), near), lost, node, other, begin + float(since))
+    return Adrift(float(best), lost, node, other, begin + float(since))
