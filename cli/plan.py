@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import groupby, islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -112,6 +111,7 @@ def plan(
     from pipeline.plan.requirements import Requirements
     from pipeline.planners.as_flown import AsFlown
     from pipeline.scenario.document import read_checked
+    from pipeline.scenario.part_documents import OrbitDocument
 
     if not world:
         why = "without --world; expected both, or neither: add --world."
@@ -152,7 +152,8 @@ def plan(
                 error = model_error(made.states, problem.dynamics, problem.duration).total
                 off = 0.0 if made.as_flown else error
                 more = {"model_error": off, "collision_radius": problem.collision_radius}
-                about = asdict(problem.orbit) if made.as_flown and problem.orbit else None
+                orbit = problem.orbit if made.as_flown else None
+                about = orbit and OrbitDocument.of(orbit).model_dump()
                 files = {"scenario": str(path), "plan": str(target)}
                 rows.append({**files, **summary(made), **more, "world": about})
                 shown.done()

@@ -114,12 +114,11 @@ def _told(version: "ModelVersion", contest: "Contest | None", *, earlier: bool) 
         f"({version.recipe}): best epoch {epoch:.0f}, predicted positions {rmse:.3g} m RMS from "
         f"the expert's, {seconds:.0f} s."
     )
-    document = {**document_of(version), "earlier": earlier}
     if contest is None:
-        return document
+        return {**document_of(version), "earlier": earlier}
     champion = contest.champion.version
     echo(f"Champion of {version.name}: version {champion}; {contest.reason}.")
-    return {**document, "champion": champion}
+    return {**document_of(contest.version), "earlier": earlier, "champion": champion}
 
 
 @with_settings

@@ -198,11 +198,12 @@ def set_champion(version: ModelVersion) -> ModelVersion:
         return read_version(store, version.name, number)
 
 
-def note_contest(version: ModelVersion, outcome: str) -> None:
-    """Record how the comparison of a version with the champion ended."""
+def note_contest(version: ModelVersion, outcome: str) -> ModelVersion:
+    """Record how the comparison of a version with the champion ended; the version with it."""
     with opened(create=False) as store:
         number = str(version.version)
         store.client.set_model_version_tag(version.name, number, CONTEST, outcome)
+        return read_version(store, version.name, number)
 
 
 def read_version(store: Store, name: str, number: str) -> ModelVersion:

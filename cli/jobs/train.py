@@ -32,8 +32,9 @@ SAFE_SHARE, FUEL = "valid_flown_safe_share", "valid_flown_fuel"  # metrics of a 
 
 @dataclass(frozen=True)
 class Contest:
-    """The outcome of comparing a version with the champion: the champion now, and why."""
+    """The outcome of comparing a version with the champion: both as they are now, and why."""
 
+    version: ModelVersion
     champion: ModelVersion
     reason: str
 
@@ -153,8 +154,8 @@ def challenge(version: ModelVersion, trials: pd.DataFrame, data: Where) -> Conte
             champion = models.set_champion(version) if better else champion
         except InputError as error:
             reason = f"version {champion.version} cannot be compared: {str(error).rstrip('.')}"
-    models.note_contest(version, reason)  # last: ``train --resume`` compares where it is missing
-    return Contest(champion, reason)
+    # Last: ``train --resume`` compares where it is missing.
+    return Contest(models.note_contest(version, reason), champion, reason)
 
 
 def promote(

@@ -179,6 +179,7 @@ def test_train_tells_each_model_and_says_the_rest_on_stderr(given):
         "models:/prolearn-lstm1/1",
     ]
     assert first["champion"] == 1 and not first["earlier"]
+    assert first["contest"] == "the first version of its model"
     for version in ("prolearn-ff1 version 1", "prolearn-lstm1 version 1"):
         assert f"{version} (tuned): best epoch" in given("train").stderr
     again = strict(given("train again"))

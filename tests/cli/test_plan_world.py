@@ -94,6 +94,7 @@ def test_a_scenarios_own_orbit_or_reference_is_the_world(run, tmp_path):
     for row, name in zip(rows, ("own", "s", "b"), strict=True):
         document = flown(tmp_path / "plans" / f"{name}.plan.json")
         assert row["fuel"] == document["certificate"]["fuel"]
+        assert row["world"] == document["scenario"]["orbit"]
         assert row["min_separation"] == document["certificate"]["min_separation"]
         worlds.append(document["world"])
     assert read_plan(tmp_path / "plans" / "own.plan.json").scenario.problem.orbit == OWN
