@@ -38,6 +38,13 @@ CONTROL_GROUP = Path("/sys/fs/cgroup")  # files with a container's limit of memo
 class CommandGroup(TyperGroup):
     """A group of commands whose errors are one sentence and an exit status."""
 
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command of the group; lists have the first line of its help, which Click would cut."""
+        found = super().get_command(ctx, cmd_name)
+        if found is not None and found.help:
+            found.short_help = found.help.partition("\n")[0]
+        return found
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse what was typed and keep it: it may hold URLs, whose secrets no message shows."""
         escape_unencodable()

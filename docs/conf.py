@@ -37,6 +37,8 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 nitpicky = False  # shapes such as "n T 6" are no names
 
+smartquotes_action = "qe"  # and no dashes, which would be made of options' hyphens
+
 html_theme = "furo"
 html_title = f"prolearn {release}"
 html_math_renderer = "mathml"
@@ -46,9 +48,10 @@ copybutton_prompt_text = "$ "
 
 
 def mathml(formula: str, display: str = "inline") -> str:
-    """A formula as MathML, with thin spaces between letters and the names of functions."""
+    """A formula as MathML, with thin spaces about names of functions, and dots one can see."""
     between = r"(?<=</m[in]>)(?=<mi>(?:sin|cos|tan)<)|(?<=<mi>(?:sin|cos|tan)</mi>)(?=<m[in]>)"
-    return re.sub(between, '<mspace width="0.167em" />', convert(formula, display=display))
+    made = re.sub(between, '<mspace width="0.167em" />', convert(formula, display=display))
+    return re.sub("<mo>(?=[^<]*</mo></mover>)", '<mo scriptlevel="0">', made)
 
 
 def inline(translator: Any, node: nodes.math) -> None:

@@ -95,5 +95,9 @@ def test_the_site_is_built_without_a_warning():
         assert done.returncode == 0, done.stderr
     page = (ROOT / "build/docs/mathematics.html").read_text(encoding="utf-8")
     assert "<math" in page
+    assert '<mo scriptlevel="0">&#x002D9;</mo></mover>' in page  # dots of full size
     assert "http" not in "".join(part.partition(">")[0] for part in page.split("<script")[1:])
     assert "Safe" in (ROOT / "build/docs/notebook.html").read_text(encoding="utf-8")
+    commands_page = (ROOT / "build/docs/commands.html").read_text(encoding="utf-8")
+    assert "by mean elements; --altitude is then" in commands_page
+    assert ": Scenario files: write one, check one, describe their fields." in commands_page
