@@ -90,11 +90,10 @@ def new(
     written as raw states. Rings stay rings in the file, to be edited: size in m, tilt_deg, craft
     (equally spaced) from first_phase_deg, cross_phase_deg, offset in m along-track.
 
-    Inertial states of --initial and --goal become states relative to a reference orbit, that of
-    --chief or of the mean of the craft, whose osculating elements are the scenario's orbit. Files
-    are folders of orbit ephemeris messages, as `prolearn convert --to oem` writes them and read at
-    the times of the first and the last node, or tables of states or of osculating elements, whose
-    columns are in docs/files.md.
+    States of --initial and --goal are inertial and become relative to a reference orbit: that of
+    --chief, or of the mean of the craft. Each is a folder of orbit ephemeris messages, as
+    `prolearn convert --to oem` writes them, a single message, or a table of states or osculating
+    elements, whose columns are in docs/files.md. Messages are read at the first and last node.
 
     Examples:
 

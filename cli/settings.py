@@ -176,7 +176,7 @@ class WorkerSettings:
         "Where workers run: this machine, or a Dask cluster.", default="loky"
     )
     scheduler: str | None = setting(
-        "Address of Dask's, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
+        "Address of Dask's scheduler, such as tcp://10.0.0.1:8786.", envvar="DASK_SCHEDULER_ADDRESS"
     )
     scheduler_wait: float | None = setting(
         "Seconds in which a lost scheduler may come back; 300 by default."
@@ -245,12 +245,12 @@ class ThrustSettings:
     max_acceleration_norm: float | None = _thrust("Limit on the norm of the control, m/s².")
     min_delta_v: float | None = _thrust("Smallest impulse bit: least Δv of a burn, m/s.")
     no_burn: list[str] | None = _thrust(
-        "Interval without burns, start:end in s, such as 300:500. Repeat the option for more.",
+        "Time span without burns, start:end in s, such as 300:500. Repeat the option for more.",
         metavar="START:END",
     )
     delta_v: float | None = _thrust("What each craft may burn in all, m/s.")
     objective: Literal["total", "fair"] = _thrust(
-        "Least: the fuel of all, or the largest share that a craft burns of what it may.",
+        "What is minimized: the fuel of all, or the largest share of its Δv that a craft burns.",
         default="total",
     )
 
@@ -517,9 +517,9 @@ class Planning:
     )
     separation: SeparationOption = "continuous"
     effort: EffortOption | None = setting(
-        "Of the expert: stop at the first safe plan, as soon as it no longer improves, or at "
-        "the best of several searches. By default the second; after a model, the first, and "
-        "after the refiner that only where it has no safe plan."
+        "When the expert stops: at the first safe plan, once its plan no longer improves, or "
+        "after several searches, with the best. By default the second; after a model the first, "
+        "which takes a safe plan of the refiner as it is."
     )
     assignment: Literal["given", "optimal"] = setting(
         "Who takes which goal: as given, or such that the fuel is least.", default="given"

@@ -44,7 +44,7 @@ class Scenario:
         goal: states at the last node, (n, 6).
         family: the family it was drawn from, or "custom".
         name: in tables and figures; of a file that is read, the file's name.
-        reference: epoch and attitude of the reference orbit, or None; not used in planning.
+        reference: epoch and orientation of the reference orbit, or None; plans as flown use it.
         ends: passive, states on orbits that do not drift; or any, as in a rendezvous.
         craft: properties of each craft of its own; empty where all are alike.
         waypoints: places that craft must pass on their way, in the order of each craft.
