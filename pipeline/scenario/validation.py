@@ -267,6 +267,7 @@ def _linear_model(scenario: Scenario) -> Diagnostic:
         f"{found.curvature:.2g} m since craft are up to {found.reach:.3g} m from the origin, "
         f"{found.oblateness:.2g} m by J2 over {turns:.3g} orbits"
     )
-    cure = "plan as flown, with world; or stay nearer to the origin, or take less time"
+    nearer = "stay nearer to the origin, or take less time"
+    cure = f"plan as flown (--world, in Python world=True), {nearer}"
     cases = (Case((), text, vars(found)),)
     return Diagnostic(LINEAR, "transfer", f"{off}: more than collision_radius", cases, cure)
