@@ -18,7 +18,7 @@ GEOSTATIONARY = 35_786e3  # altitude in m up to which a message guesses the unit
 
 @dataclass(frozen=True)
 class Reference:
-    """Epoch and orientation of the reference orbit; its size follows from the mean motion.
+    """Epoch and orientation of the reference orbit, whose size the problem has.
 
     Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
 

@@ -47,8 +47,8 @@ class PlanDocument(Strict):
     )
     planner: str = Field(description="Who made the plan.")
     status: Literal["solved", "unsafe", "infeasible", "unsolved"] = Field(
-        description="solved: safe and at the goal; unsafe: a pair comes too close; infeasible: "
-        "proven that there is no plan; unsolved: none was found."
+        description="solved: safe and at the goal; unsafe: a pair comes too close, or a limit is "
+        "not kept; infeasible: proven that there is no plan; unsolved: none was found."
     )
     message: str = Field("", description="Why, where the status is not solved.")
     times: list[Number] = Field(description="Of the nodes, s since the first.")

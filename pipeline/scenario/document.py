@@ -107,7 +107,7 @@ class ScenarioDocument(
     initial: End = Field(description="Where each craft is at the first node.")
     goal: End = Field(description="Where each craft must be at the last node, in the same order.")
     reference: ReferenceDocument | None = Field(
-        None, description="Where and when the reference orbit is, for files in inertial frames."
+        None, description="Where and when the reference orbit is, for inertial states and flights."
     )
     ends: EndKind = Field(
         "passive",

@@ -79,9 +79,10 @@ NoBurn = Annotated[
 
 
 class ReferenceDocument(Strict):
-    """Epoch and orientation of the reference orbit; mean_motion or altitude gives its size.
+    """Epoch and orientation of the reference orbit; mean_motion, altitude or orbit gives its size.
 
-    The orbit is circular. Angles refer to the Earth's mean equator and equinox of J2000 (EME2000).
+    Angles are those of the orbit, if there is one, and refer to the Earth's mean equator and
+    equinox of J2000 (EME2000).
     """
 
     epoch: Annotated[datetime, BeforeValidator(utc)] = Field(
