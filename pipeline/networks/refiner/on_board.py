@@ -68,7 +68,7 @@ VALUES: Mapping[str, Value] = {
     ),
     "nodes": _states("P", 2, 6, at="both ends of the interval"),
     "price": Value(("P",), "dual of the plane in the last round, m/s² per metre, times Δt²"),
-    "first_price": Value(("P",), "dual of its first metre, likewise; 0 before it is live"),
+    "first_price": Value(("P",), "dual of the plane's first metre, times Δt²; 0 before it is live"),
     "distance": Value(("P",), "closest approach, m", unit=LENGTH),
     "share": Value(("P",), "when that is, as a share of the interval"),
     "live": Value(("P",), "whether the encounter gets a plane in this round", torch.bool),
