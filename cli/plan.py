@@ -193,7 +193,7 @@ def _targets(scenarios: list[Path], out: Path) -> list[Path]:
 
 @with_settings
 def tradeoff(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file.")],
+    scenario: Annotated[Path, typer.Argument(help="Scenario file; - is standard input.")],
     settings: Tradeoff,
     as_json: AsJson = False,
 ) -> None:

@@ -184,7 +184,8 @@ def promote(
         ) from error
     if not better:
         raise InputError(f"{reason}; expected a better version, or --force to promote it anyway.")
-    return models.set_champion(version), reason
+    models.set_champion(version)
+    return models.note_contest(version, reason), reason
 
 
 def _compared(

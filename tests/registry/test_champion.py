@@ -42,7 +42,9 @@ def test_a_worse_version_becomes_champion_only_by_force(register: Register) -> N
         promote("ff1", 2)
     assert resolve("ff1").version == 1
     assert promote("prolearn-ff1", 2, force=True)[0].aliases == ("champion",)
-    assert promote("ff1", 1)[0].version == 1  # the better one needs no force
+    better, reason = promote("ff1", 1)  # which needs no force
+    assert better.version == 1
+    assert resolve("ff1").contest == reason != ""
     assert [v.aliases for v in list_versions()] == [("champion",), ()]
 
 
