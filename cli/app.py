@@ -63,7 +63,7 @@ class CommandGroup(TyperGroup):
             with _sigterm_raises(), missing_extra_hint():
                 return super().invoke(ctx)
         except USAGE as error:
-            error.message = visible(error.message)
+            error.message = visible(public(error.message, *ctx.meta.get(TYPED, ())))
             raise
         except (ProlearnError, OSError) as error:
             _fail(ctx, error)

@@ -38,7 +38,8 @@ def as_argument(place: object) -> str:
 
 HIDDEN = "..."
 _URLS = re.compile(r"[\w.+-]+://\S*")  # inside a sentence, with what is directly behind
-_URL = re.compile(r"[\w.+-]+://(?:(?![\w.+-]+://)\S)*")  # up to a second one directly behind
+# Up to a second one directly behind, which a value of a query or a fragment is not
+_URL = re.compile(r"[\w.+-]+://(?:(?!(?<![=?&#\w.+-])[\w.+-]+://)\S)*")
 _CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation
 _BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the scheme
 
@@ -90,8 +91,11 @@ def _words(before: str, after: str) -> set[str]:
     """Passwords and values of a query, as a library may quote them alone, whole or in part."""
     password = (before.partition(":")[2] or before).rstrip("@")
     values = [pair.partition("=")[2] or pair for pair in re.split(r"[?#&;]", after)]
-    words = [password, *re.split(r"[/:@?#]", password), *values]
-    return {form for word in words for form in (word, unquote(word)) if form}
+    # Where the host is unclear, the last part of what may be the password is the host.
+    known = password, password.rpartition("@")[0]
+    words = [*known, *re.split(r"[/:@?#]", password), *values]
+    plain = {form for word in words for form in (word, unquote(word)) if form}
+    return plain | {form for one in plain for form in (quote(one, safe=""), repr(one)[1:-1])}
 
 
 def _in_sentence(found: re.Match[str]) -> str:

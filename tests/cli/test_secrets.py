@@ -117,6 +117,13 @@ def test_no_message_of_ours_shows_the_secrets_of_a_url_that_was_typed(run, monke
     assert "is odd; expected another" in run("evaluate", *form, status=2)
 
 
+@pytest.mark.parametrize(
+    "form", [("verify", "other", URL), ("solve", "none", "--separation", URL), (URL,)]
+)
+def test_an_error_of_usage_shows_no_secrets(run, form):
+    assert "kept://box/my n4" in run(*form, status=2)
+
+
 def test_a_damaged_shard_is_named_without_the_secrets(run):
     run("sample", "--n", 2, "--count", 6, "--out", URL, "--jobs", 1)
     run("solve", URL, "--jobs", 1)

@@ -28,6 +28,8 @@ SHOWN = {
     "http://me:se@cret@host:5000": "http://host:5000",
     "postgresql+psycopg2://me:secret@host/runs?password=secret": "postgresql+psycopg2://host/runs",
     "simplecache::http://me:secret@host/n10": "simplecache::http://host/n10",
+    "https://host/?of=http://other/x&token=secret": "https://host/",
+    "https://host/n10#s3://secret": "https://host/n10",
 }
 
 
@@ -61,6 +63,14 @@ def test_no_password_whatever_is_in_it_is_shown(password, scheme, escaped):
         assert "me:" not in shown
     if not set(given) & set("/?#"):
         assert public_url(url) == f"{scheme}://host:80/n10"
+
+
+@given(PASSWORDS | MARKS.map("".join))
+def test_no_password_is_shown_however_a_library_quotes_it(password):
+    password = f"<{password}>"
+    for typed in (password, quote(password, safe="")):
+        for said in (password, quote(password, safe=""), repr(password)[1:-1]):
+            assert said not in public(f"no login by {said}", f"ftp://me:{typed}@host/n10")
 
 
 def test_where_a_password_cannot_be_told_from_the_rest_only_the_scheme_is_shown():
