@@ -18,7 +18,7 @@ from pipeline.text import public_url, visible
 STDIO = Path("-")  # instead of a file: standard input or standard output
 PIECE = 2**20  # bytes that are read at once
 # Names of unfinished files: the name of the file and a unique token
-_UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp")
+_UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp", re.DOTALL)
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # with which a URL begins; not a drive's letter
 
 

@@ -192,7 +192,7 @@ def _interpolation(keywords: dict[str, str]) -> tuple[str | None, int]:
         return None, 0
     _expect({"INTERPOLATION": method}, "INTERPOLATION", METHODS)
     degree = keywords.get("INTERPOLATION_DEGREE", "")
-    if not degree.isdecimal() or not 1 <= int(degree) <= HIGHEST_DEGREE:
+    if not degree.isdecimal() or not 1 <= float(degree) <= HIGHEST_DEGREE:
         given = _shown(degree) if degree else "missing"
         raise InputError(f"has INTERPOLATION_DEGREE {given}; expected 1 to {HIGHEST_DEGREE}")
     return method, int(degree)

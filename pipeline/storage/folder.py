@@ -207,7 +207,7 @@ def _local_path(url: str) -> Path:
             f"{public_url(url)} goes on with ? or #; expected file:///FOLDER, where these two are "
             "written %3F and %23."
         )
-    return Path(slash + os.fsdecode(unquote_to_bytes(path)))
+    return Path(slash + os.fsdecode(unquote_to_bytes(os.fsencode(path))))
 
 
 def _filesystem(url: str) -> tuple[Any, str]:

@@ -11,7 +11,14 @@ from matplotlib.figure import Figure
 from rights import read_only
 
 from pipeline.errors import InputError
-from pipeline.files import make_folder, published, read_bytes, refuse_unwritable, write_text
+from pipeline.files import (
+    make_folder,
+    published,
+    read_bytes,
+    refuse_unwritable,
+    unfinished,
+    write_text,
+)
 from pipeline.storage.folder import open_folder
 
 
@@ -72,6 +79,13 @@ def test_what_replaces_a_private_file_is_private_while_it_is_written(tmp_path):
     with published(path) as temporary:
         temporary.write_text("secret")
         assert mode_of(temporary) == 0o600
+
+
+def test_an_unfinished_file_is_known_whatever_the_name_of_the_finished_one(tmp_path):
+    for name in ("plan.json", ".a", "two\nlines", "x.tmp"):
+        with published(tmp_path / name) as temporary:
+            assert unfinished(temporary) == tmp_path / name
+        assert unfinished(tmp_path / name) is None
 
 
 def test_where_a_file_can_be_written_is_known_before_and_nothing_is_made(tmp_path):

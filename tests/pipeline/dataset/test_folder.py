@@ -143,7 +143,9 @@ def test_a_relative_name_may_look_like_a_uri(tmp_path, monkeypatch):
         assert (tmp_path / name / "n=2" / "a").read_bytes() == folder.read("n=2/a") == b"a"
 
 
-@pytest.mark.parametrize("where", [os.fsdecode(b"b\xff"), "file:///tmp/b%FF"])
+@pytest.mark.parametrize(
+    "where", [os.fsdecode(b"b\xff"), "file:///tmp/b%FF", os.fsdecode(b"file:///tmp/b\xff")]
+)
 def test_a_name_that_is_not_utf_8_is_refused(where):
     with pytest.raises(InputError, match="is not UTF-8; expected one that is"):
         open_folder(where)

@@ -155,6 +155,7 @@ def test_what_is_not_understood_is_refused_in_a_sentence(rows):
         (message(rows, CENTER_NAME="MOON"), "has CENTER_NAME 'MOON'; expected EARTH"),
         (message(rows, "SPLINE"), "has INTERPOLATION 'SPLINE'; expected LINEAR or"),
         (message(rows, degree=99), "has INTERPOLATION_DEGREE '99'; expected 1 to 25"),
+        (message(rows, degree=5000 * "9"), "has INTERPOLATION_DEGREE '999"),
         (message(rows, degree=None), "has INTERPOLATION_DEGREE missing; expected"),
         (message([*rows, rows[3]]), "has state 40 of a segment no later than the one before"),
         (message([*rows, rows[3] + " 1"]), "expected an epoch and x y z vx vy vz in km"),
