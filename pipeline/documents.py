@@ -4,6 +4,7 @@ import hashlib
 import json
 import re
 from codecs import BOM_UTF8
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -19,6 +20,7 @@ from pipeline.files import read_bytes, write_text
 Document = TypeVar("Document", bound=BaseModel)
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"  # that pydantic writes
+LONGEST = 400  # characters of a field's place, or of its value, that a message shows
 MOST_FAULTS = 8  # faults of a file that are shown in full; the others are counted
 MOST_BYTES = 2**28  # of a JSON file that is read; a plan of a thousand craft takes some MB
 _LONG = re.compile(rb"(?<=[\s:,\[])-?\d{41,}(?=[\s,\]}])")  # an integer that no float is near to
@@ -97,8 +99,10 @@ def parse_unique_json(content: bytes) -> Any:
     def once(fields: list[tuple[str, Any]]) -> None:
         names = [name for name, _ in fields]
         if len(set(names)) < len(names):
-            name = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"{name} is there twice; expected each field once: remove one.")
+            ((name, _),) = Counter(names).most_common(1)
+            raise InputError(
+                f"{name[:LONGEST]} is there twice; expected each field once: remove one."
+            )
 
     value = parse_json(content)
     # Numbers are of no interest here.
@@ -129,9 +133,14 @@ def first_fault(error: ValidationError) -> str:
 
 
 def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
+    unknown = fault["type"] in ("extra_forbidden", "unexpected_keyword_argument")
+    end = len(fault["loc"]) - unknown  # after which is the unknown field, whatever it is called
     # What stands in parentheses, or is a type, names a field's form, which is no place in the file.
-    places = [k for k in fault["loc"] if not str(k).startswith(("(", "literal[", "tuple["))]
+    forms = ("(", "literal[", "tuple[")
+    places = [k for k in fault["loc"][:end] if not str(k).startswith(forms)]
+    places += fault["loc"][end:]
     where = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in places).lstrip(".")
+    where = where[:LONGEST]
     what = fault["msg"].removeprefix("Value error, ")
     what = what[0].lower() + what[1:]
     if fault["type"] == "model_type":
@@ -140,12 +149,12 @@ def _fault(fault: ErrorDetails, kind: type[BaseModel] | None = None) -> str:
         return what
     if fault["type"] in ("missing", "missing_argument"):
         return f"{where} is missing"
-    if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+    if unknown:
         near = () if kind is None else get_close_matches(str(places[-1]), _fields(kind, places))
         cure = f" (did you mean {near[0]}?)" if near else "; remove it"
         return f"{where} is not a field of this schema{cure}"
     given = fault["input"]
-    shown = f" is {given!r}" if isinstance(given, str | int | float | bool | None) else ""
+    shown = f" is {given!r}"[:LONGEST] if isinstance(given, str | int | float | bool | None) else ""
     return f"{where}{shown}: {what}"
 
 

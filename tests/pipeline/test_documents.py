@@ -6,11 +6,23 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from pipeline.documents import parse_json, read_document, with_checksum, without_checksum
+from pipeline.documents import (
+    Strict,
+    document_in,
+    parse_json,
+    parse_unique_json,
+    read_document,
+    with_checksum,
+    without_checksum,
+)
 from pipeline.errors import InputError
 
 
 class Numbers(BaseModel):
+    values: list[float]
+
+
+class StrictNumbers(Strict):
     values: list[float]
 
 
@@ -62,3 +74,27 @@ def test_a_flipped_bit_anywhere_in_a_document_is_found():
             continue
         assert found != FIELDS  # the field "checksum" has another name: an unknown field remains
         assert len(found) > len(FIELDS)
+
+
+LONG = 10**6 * "x"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"values": [LONG]}, r"values\[0\] is 'xxx"),
+        ({"values": [], LONG: 1}, "xxx is not a field of this schema"),
+        ({"values": [], "(values)": 1}, r"\(values\) is not a field of this schema"),
+    ],
+)
+def test_a_fault_is_named_in_a_short_sentence_whatever_is_in_the_file(content, said):
+    with pytest.raises(InputError, match=said) as refused:
+        document_in(json.dumps(content).encode(), StrictNumbers, "given.json", "numbers")
+    assert len(str(refused.value)) < 600
+
+
+def test_a_field_that_is_there_twice_is_named_in_a_short_sentence():
+    others = "".join(f'"{k}": 1, ' for k in range(20_000))
+    with pytest.raises(InputError, match="xxx is there twice") as refused:
+        parse_unique_json(f'{{{others}"{LONG}": 1, "{LONG}": 2}}'.encode())
+    assert len(str(refused.value)) < 600
