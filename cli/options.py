@@ -92,7 +92,8 @@ def int_list(text: str, option: str = "--n", least: int = 1) -> Sequence[int]:
             if not wanted:
                 raise ValueError("the range is empty")
             if len(numbers) + len(wanted) > MOST_LISTED:
-                raise InputError(f"{option} is {text!r}; expected at most {MOST_LISTED} numbers.")
+                given = brief(text)
+                raise InputError(f"{option} is {given}; expected at most {MOST_LISTED} numbers.")
             numbers |= set(wanted)
     except (ValueError, OverflowError):
         numbers = set()

@@ -37,7 +37,7 @@ def as_argument(place: object) -> str:
 
 
 HIDDEN = "..."
-_URLS = re.compile(r"[\w.+-]+://\S*")  # inside a sentence, with what is directly behind
+_URLS = re.compile(r"(?<![\w.+-])[\w.+-]+://\S*")  # in a sentence, with what is directly behind
 # Up to a second one directly behind, which a value of a query or a fragment is not
 _URL = re.compile(r"[\w.+-]+://(?:(?!(?<![=?&#\w.+-])[\w.+-]+://)\S)*")
 _CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation

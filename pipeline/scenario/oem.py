@@ -21,7 +21,9 @@ HIGHEST_DEGREE = 25  # of interpolation; through equally spaced states a higher 
 LARGEST = 1e15  # number in a file, in any unit: beyond it something is wrong
 SAME = 1e-6  # s; a state so near in time is propagated, and none is interpolated
 _EPOCH = re.compile(r"(\d{4}-(?:\d\d-\d\d|\d{3})T\d\d:\d\d:\d\d)(\.\d+)?Z?")
-_COVARIANCE = re.compile(r"^COVARIANCE_START$.*?^COVARIANCE_STOP$\n?", re.DOTALL | re.MULTILINE)
+_COVARIANCE = re.compile(
+    r"^COVARIANCE_START(\n(?!COVARIANCE_ST).*)*\nCOVARIANCE_STOP$\n?", re.MULTILINE
+)
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,10 @@ def test_where_a_password_cannot_be_told_from_the_rest_only_the_scheme_is_shown(
         assert public_url(f"ftp://me:{password}@host:21/n10") == "ftp://..."
 
 
+def test_text_without_urls_takes_time_in_proportion_to_its_length():
+    assert public(10**6 * "a") == 10**6 * "a"  # half an hour in squares of it
+
+
 def test_two_urls_side_by_side_are_both_shown_where_no_password_is_in_them():
     assert public("s3://a/b?sig=secret,tcp://10.0.0.1:8786") == "s3://a/b,tcp://10.0.0.1:8786"
     assert public("s3://a/b,http://me:secret@host/c") == "s3://..."

@@ -113,6 +113,11 @@ def test_what_else_a_file_may_have_is_passed_over(rows):
     assert found == pytest.approx(flown([0, 95.5])[1], abs=1e-5)
 
 
+def test_covariances_that_do_not_end_are_refused_at_once():
+    with pytest.raises(InputError, match="has the line 'COVARIANCE_START'"):
+        ephemeris_from(100_000 * "COVARIANCE_START\n", "a.oem")  # ten minutes in squares of them
+
+
 def test_days_of_the_year_and_digits_beyond_microseconds_are_read(rows):
     form = [
         f"{stamp(STEP * k, '%Y-%jT%H:%M:%S')}.0000000Z {row.partition(' ')[2]}"
