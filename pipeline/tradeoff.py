@@ -67,7 +67,7 @@ class Point:
 def arcs_between(first: float, last: float, time_step: float, steps: int) -> list[int]:
     """At most ``steps`` numbers of arcs over a range of durations, s; InputError if none fits."""
     check_whole("steps", steps, 1, MOST_NODES)
-    if not all(is_number(one) and isfinite(one) for one in (first, last)):
+    if not all(is_number(one) and isfinite(one / time_step) for one in (first, last)):
         raise InputError(f"duration is {first} to {last} s; expected finite numbers.")
     first, last = float(first), float(last)
     least, most = ceil(first / time_step - ROUNDING), floor(last / time_step + ROUNDING)

@@ -50,16 +50,16 @@ MARKS = st.lists(st.sampled_from(["://", "/", "@", "?", "#", ":", "s3", "'", ")"
 
 
 @given(
-    PASSWORDS | MARKS.map("".join),
+    st.tuples(PASSWORDS, PASSWORDS) | st.tuples(MARKS.map("".join), MARKS.map("".join)),
     st.sampled_from(["s3", "memory", "http", "postgresql"]),
     st.booleans(),
 )
-def test_no_password_whatever_is_in_it_is_shown(password, scheme, escaped):
-    password = f"<{password}>"
+def test_no_password_whatever_is_in_it_is_shown(around, scheme, escaped):
+    password = f"<{around[0]}SECRET{around[1]}>"
     given = quote(password, safe="") if escaped else password
     url = f"{scheme}://me:{given}@host:80/n10"
     for shown in (public(url), public_url(url), public(f"{url} is gone", url)):
-        assert given not in shown
+        assert "SECRET" not in shown
         assert "me:" not in shown
     if not set(given) & set("/?#"):
         assert public_url(url) == f"{scheme}://host:80/n10"

@@ -37,6 +37,7 @@ def test_durations_are_whole_arcs_within_the_range_and_as_many_as_asked_for():
         ((100.0, 900.0, 120.0, 5), "at least 240 s"),
         ((250.0, 300.0, 120.0, 5), "multiple of time_step"),
         ((600.0, 900.0, 120.0, 0), "steps is 0"),
+        ((600.0, 1e308, 0.1, 5), "finite numbers"),
     ],
 )
 def test_a_range_that_no_transfer_has_is_refused(asked, words):
