@@ -204,7 +204,13 @@ def _connect(uri: str, create: bool, names: Sequence[str]) -> Store:
         )
     if uri.startswith(("http://", "https://")):
         _check_reachable(uri)
-    return _open(uri, dict.fromkeys(names))
+    try:
+        return _open(uri, dict.fromkeys(names))
+    except ValueError as error:  # as of a port that is no number
+        raise InputError(
+            f"MLFLOW_TRACKING_URI is {public_url(uri)!r}, which cannot be used "
+            f"({public(first_line(error), uri)}); expected the address of a server: correct it."
+        ) from error
 
 
 def _set_up(path: Path) -> None:

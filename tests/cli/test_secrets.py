@@ -184,6 +184,7 @@ def test_a_model_card_has_none_even_of_a_run_that_was_recorded_with_them(run, he
         ("postgresql://robot:pa55word@127.0.0.1:1/runs?sslkey=t0k3n", 1, "1:1/runs failed"),
         ("nowhere://robot:pa55word@127.0.0.1/?token=t0k3n", 1, "nowhere://127.0.0.1/ failed"),
         ("file://robot:pa55word@host/mlruns?token=t0k3n", 2, "'file://host/mlruns'"),
+        ("postgresql://robot:pa55word@127.0.0.1:port/runs", 2, "1:port/runs', which cannot"),
         ("robot:pa55word@127.0.0.1:5000", 2, "'127.0.0.1:5000'"),
         ("sqlite://?password=pa55word", 2, "expected a file"),
     ],
