@@ -193,7 +193,7 @@ def polished(
     # nothing is set to zero.
     unable = _missed(kept, at) > MET
     moved = np.abs(kept - controls).sum(axis=(1, 2)) > LIMIT_ROUNDING / 2 * largest[:, 0, 0]
-    exceeded = exceeded_limits(kept[moved], limits[moved], problem)
+    exceeded = exceeded_limits(kept[moved], program_limits(limits[moved]), problem)
     unable[moved] |= np.any([exceeded[name] for name in UPPER], axis=0)
     kept = np.where(unable[:, None, None] & allowed, controls, kept)
     return _completed(kept, allowed, at)
