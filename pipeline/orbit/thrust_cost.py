@@ -249,8 +249,9 @@ def burn_sizes(controls: Controls, limits: Limits, problem: Problem) -> Controls
         return np.broadcast_to(_length(controls), controls.shape)
     fired = allocated_thrusts(controls, limits, problem)
     fires = fired > LIMIT_ROUNDING * fired.max(axis=-1, keepdims=True)  # smaller ones are rounding
-    size = np.where(fires, fired, np.inf).min(axis=-1)
-    return np.broadcast_to(np.where(np.isfinite(size), size, 0.0)[..., None], controls.shape)
+    size = np.where(fires, fired, np.inf).min(axis=-1, keepdims=True)
+    # A control too small for the program of thrusts is a burn, too.
+    return np.broadcast_to(np.where(np.isfinite(size), size, _length(controls)), controls.shape)
 
 
 def too_small(controls: Controls, limits: Limits, problem: Problem) -> Bool[Array, "n intervals 3"]:

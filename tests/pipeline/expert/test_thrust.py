@@ -23,7 +23,13 @@ from pipeline.expert.solvers import new_highs
 from pipeline.orbit.decoupled import minimum_limits
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import Limits, Thrust, blocked_intervals
-from pipeline.orbit.thrust_cost import allocated_thrusts, conjugate_bound, cost, support_bound
+from pipeline.orbit.thrust_cost import (
+    allocated_thrusts,
+    conjugate_bound,
+    cost,
+    support_bound,
+    too_small,
+)
 from pipeline.orbit.transfer import fly
 from pipeline.plan.plan import INFEASIBLE, SOLVED
 from pipeline.planners.classical import BASELINES
@@ -667,6 +673,19 @@ def test_small_burns_stay_where_those_at_the_limit_cannot_make_up_for_them(share
     found = polished(controls, timed_constraints(asked), asked.limits, problem)
     assert np.abs(fly(ONE.initial, found, problem)[:, -1] - goal).max() < 1e-8
     assert np.linalg.norm(found, axis=2).max() <= size * (1 + 9e-7)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("tiny", [1e-20, 1e-9])
+def test_any_control_that_is_not_zero_is_a_burn(model, tiny):
+    asked = with_thrust(ONE, Thrust(model, min_delta_v=0.1))
+    controls = np.zeros((1, asked.problem.intervals, 3))
+    controls[0, :2, 2] = 0.01, -0.01
+    assert not too_small(controls, asked.limits, asked.problem).any()
+    controls[0, 2, 0] = tiny
+    assert too_small(controls, asked.limits, asked.problem).any(axis=2).tolist() == [
+        [False, False, True] + [False] * (asked.problem.intervals - 3)
+    ]
 
 
 @pytest.mark.parametrize("plans", [solve_many, BASELINES[-1].plan], ids=["expert", "decoupled"])
