@@ -44,6 +44,7 @@ class Duals(Rows):
     along: Float[Array, "n intervals 3"]  # y · reach
     # w, of the cones: the part of y · reach that the norm's limit bounds
     split: Float[Array, "n intervals 3"]
+    rounding: PerCraft  # largest change of the value by rounding of the miss, m/s²
 
 
 def decoupled_program(
@@ -100,14 +101,20 @@ def _duals(program: ConicProgram, z: Values, at: StateConstraints, *, infeasible
     y = y * sub.goal_scale * sub.unit
     if len(sub.required) == 0:
         along = (y @ at.reach).reshape(len(y), -1, 3)
-        return Duals(np.vecdot(at.miss, y), along, program.splits(z))
+        return Duals(np.vecdot(at.miss, y), along, program.splits(z), _rounding(y, at))
     limits = program.limits
     rows = np.concatenate([at.reach, sub.row]) * limits.burns[0].ravel()
     y = np.append(y[0], np.maximum(program.half_space_duals(z), 0.0))
     if infeasible and not np.isfinite([limits.component, limits.norm]).any():
         y = _without_effect(y, rows, len(at.reach))
     value, along = y @ np.append(at.miss[0], sub.required), (y @ rows).reshape(1, -1, 3)
-    return Duals(np.array([value]), along, program.splits(z))
+    rounding = _rounding(y[None, : len(at.reach)], at)
+    return Duals(np.array([value]), along, program.splits(z), rounding)
+
+
+def _rounding(y: Float[Array, "k r"], at: StateConstraints) -> Float[Array, "k"]:
+    """Largest change of y · miss by rounding of the miss."""
+    return np.asarray(np.abs(y) @ (MET / at.weight))
 
 
 def _without_effect(
@@ -157,14 +164,14 @@ def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, proble
     if 0 < largest < np.inf:
         along, split = duals.along / largest, duals.split / largest
         most = support_bound(along, split, bounded, problem.thrust)[0]
-        if duals.value[0] / largest > most * (1 + LIMIT_ROUNDING):
+        if (duals.value[0] - duals.rounding[0]) / largest > most * (1 + LIMIT_ROUNDING):
             return True
     rows, columns = at.constrained[0], limits.burns[0].ravel()
     scale, miss, reach = at.scale[rows], at.miss[0, rows], at.reach[rows][:, columns]
     directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
     changes, effects = np.abs(directions @ miss), np.abs(directions @ reach)
     effects[effects < NO_EFFECT * effects.max(initial=0.0)] = 0.0
-    furthest = highest * effects.sum(axis=1)
+    furthest = highest * effects.sum(axis=1) + np.abs(directions) @ (MET / at.weight[rows])
     return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
 
 
