@@ -317,7 +317,10 @@ def _differentially_corrected(scenario: Scenario, controls: Controls) -> tuple[C
 
 def _draft(scenario: Scenario, controls: Controls, states: States, linear: Plan) -> Draft:
     """The controls of a flight, with a fuel bound of linear programs about that flight."""
-    free = replace(scenario, corridors=())
+    # A goal that is met within tolerance is where the flight ends: to coast there takes no fuel.
+    met = np.abs(states[:, -1] - scenario.goal) <= GOAL_TOLERANCE
+    goal = np.where(met, states[:, -1], scenario.goal)
+    free = replace(scenario, corridors=(), goal=goal)
     try:
         shifted = _shifted_to_linear(free, controls, states)
     except InputError as error:  # beyond the largest position of a scenario

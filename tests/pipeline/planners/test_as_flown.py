@@ -24,6 +24,7 @@ from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference import R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.thrust import Thrust
+from pipeline.orbit.transfer import fly
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
 from pipeline.plan.recheck import recheck
 from pipeline.plan.requirements import Requirements, RiskLimit
@@ -31,7 +32,7 @@ from pipeline.planners.as_flown import LIMIT_SHARE, AsFlown
 from pipeline.planners.classical import Expert
 from pipeline.planners.goal_assignment import GoalAssignment
 from pipeline.planners.named import named_planner
-from pipeline.scenario import draw
+from pipeline.scenario import Scenario, draw
 from pipeline.scenario.document import read_scenario, scenario_from
 
 PARTS = 40
@@ -214,6 +215,18 @@ def test_the_miss_that_corrections_leave_puts_no_fuel_below_its_bound():
     (plan,) = AsFlown(Expert()).plan([scenario])
     assert (plan.status, plan.as_flown) == ("solved", True)
     assert plan.certificate.optimality_gap >= 0
+
+
+def test_a_craft_that_coasts_to_its_goal_is_not_said_to_need_fuel():
+    """So near to the reference that its flight leads within a nanometre of its linear drift."""
+    problem = Problem(nodes=3, collision_radius=1e-3).about(about(0.5))
+    initial = np.array([[0.1, 0.2, 0.1, 0.0, 0.0, 0.0]])
+    goal = fly(initial, np.zeros((1, 2, 3)), problem)[:, -1]
+    (plan,) = AsFlown(Expert()).plan([Scenario(problem, initial, goal, ends="any")])
+    assert (plan.status, plan.certificate.fuel) == (SOLVED, 0.0)
+    assert plan.certificate.fuel_lower_bound <= problem.negligible_fuel
+    assert plan.certificate.optimality_gap == 0.0
+    assert recheck(plan).faults == ()
 
 
 def test_the_bound_of_assigned_goals_is_below_the_fuel_at_the_thrust_limit():
