@@ -21,7 +21,7 @@ from pipeline.orbit.thrust_cost import (
     support_bound,
 )
 from pipeline.orbit.transfer import transfer_maps
-from pipeline.scenario.state_constraints import NO_EFFECT, StateConstraints
+from pipeline.scenario.state_constraints import MET, NO_EFFECT, StateConstraints
 
 LIMIT_SHARE = 1 - 1e-7  # share of a limit that programs may use, so that rounding stays within
 BURN = 1e-5  # share of a craft's largest control below which a cone program's control is rounding
@@ -29,7 +29,6 @@ NOISE = 1e-3  # least value of a craft's largest control there, as a share of al
 CANCELLED = 1e-7  # share of the largest dual variable, by effect, below which one counts as zero
 CANCELLATIONS = 3  # of rows, at most
 UPPER = "max_acceleration", "max_acceleration_norm", "delta_v"  # limits that are upper ones
-MET = 1e-9  # error of a final state that counts as zero, m; velocities over e
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +61,7 @@ def decoupled_program(
         *(at.reach, at.miss, craft, craft, inside.row, inside.required, np.inf, np.inf),
         other=inside.other,
         constrained=at.constrained,
+        rounding=at.rounding,
         unit=float(largest if largest > problem.negligible_fuel else problem.evasive_control),
         thrust=replace(problem.thrust, objective="total"),
         limits=program_limits(limits, budget=False),
@@ -101,20 +101,15 @@ def _duals(program: ConicProgram, z: Values, at: StateConstraints, *, infeasible
     y = y * sub.goal_scale * sub.unit
     if len(sub.required) == 0:
         along = (y @ at.reach).reshape(len(y), -1, 3)
-        return Duals(np.vecdot(at.miss, y), along, program.splits(z), _rounding(y, at))
+        return Duals(np.vecdot(at.miss, y), along, program.splits(z), np.abs(y) @ at.rounding)
     limits = program.limits
     rows = np.concatenate([at.reach, sub.row]) * limits.burns[0].ravel()
     y = np.append(y[0], np.maximum(program.half_space_duals(z), 0.0))
     if infeasible and not np.isfinite([limits.component, limits.norm]).any():
         y = _without_effect(y, rows, len(at.reach))
     value, along = y @ np.append(at.miss[0], sub.required), (y @ rows).reshape(1, -1, 3)
-    rounding = _rounding(y[None, : len(at.reach)], at)
-    return Duals(np.array([value]), along, program.splits(z), rounding)
-
-
-def _rounding(y: Float[Array, "k r"], at: StateConstraints) -> Float[Array, "k"]:
-    """Largest change of y · miss by rounding of the miss."""
-    return np.asarray(np.abs(y) @ (MET / at.weight))
+    rounding = np.abs(y[: len(at.reach)]) @ at.rounding
+    return Duals(np.array([value]), along, program.splits(z), np.array([rounding]))
 
 
 def _without_effect(
@@ -171,7 +166,7 @@ def proven_infeasible(duals: Duals, at: StateConstraints, limits: Limits, proble
     directions = np.linalg.svd(reach * scale[:, None])[0].T * scale
     changes, effects = np.abs(directions @ miss), np.abs(directions @ reach)
     effects[effects < NO_EFFECT * effects.max(initial=0.0)] = 0.0
-    furthest = highest * effects.sum(axis=1) + np.abs(directions) @ (MET / at.weight[rows])
+    furthest = highest * effects.sum(axis=1) + np.abs(directions) @ at.rounding[rows]
     return bool((changes > furthest + SHORT * np.abs(miss * scale).max()).any())
 
 

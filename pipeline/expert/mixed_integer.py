@@ -89,6 +89,16 @@ class _IntegerProgram(ConicProgram):
         needed = dearest * np.abs(least_energy).max(axis=1) / sub.unit
         return np.asarray(2 * np.maximum(1.0, needed) * (m / 3))
 
+    def allowed(self) -> Values:
+        """Rounding of the rows of goals, 0 where it is below the solver's tolerance.
+
+        It is above in rows of states that controls hardly change, as in intervals of half an orbit.
+        """
+        sub = self.sub
+        assert sub.constrained is not None
+        scaled = sub.rounding * sub.goal_scale * np.ones(sub.constrained.shape)
+        return np.where(scaled > FEASIBLE, scaled, 0.0)[sub.constrained]
+
     def not_together(self, thrusts: Int[Array, "_"]) -> BoundedRow:
         """The row that excludes some thrusts from being nonzero all at once."""
         return self.variables + thrusts, np.ones(len(thrusts)), len(thrusts) - 1.0
@@ -122,7 +132,9 @@ class _IntegerProgram(ConicProgram):
         upper = np.concatenate([upper, [bound for *_, bound in added]])
         lower = np.full(len(upper), -np.inf)
         goals = self.goals()[1]
-        lower[: len(goals)] = goals
+        allowed = self.allowed()
+        lower[: len(goals)] = goals - allowed
+        upper[: len(goals)] += allowed
         largest = np.full(width, np.inf)
         largest[:N], largest[width - N :] = self.most(), 1.0
         solver = new_highs(

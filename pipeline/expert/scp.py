@@ -378,6 +378,7 @@ class Search:
             reach=at.reach,
             miss=at.miss,
             constrained=at.constrained,
+            rounding=at.rounding,
             thrust=self.problem.thrust,
             time_step=self.problem.time_step,
             limits=program_limits(batch.limits[craft]),

@@ -91,6 +91,7 @@ class Subproblem:
     time_step: float = 1.0
     weight: Float[Array, "n"] | None = None
     constrained: Bool[Array, "n r"] | None = None  # which changes each craft must make; None: all
+    rounding: Float[Array, "r"] | float = 0.0  # errors of these that count as zero, m and m/s
 
     @property
     def shape(self) -> tuple[int, int, int]:

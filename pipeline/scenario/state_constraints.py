@@ -14,6 +14,7 @@ from pipeline.orbit.transfer import state_weight, transfer_maps
 from pipeline.scenario.scenario import Scenario
 from pipeline.scenario.waypoint import Waypoint, of_craft
 
+MET = 1e-9  # error of a state that counts as zero, m; velocities over e
 NO_EFFECT = 1e-14  # share of the largest effect of a control below which one is rounding
 
 
@@ -39,6 +40,11 @@ class StateConstraints:
         """The constraints of some craft."""
         rows = {name: getattr(self, name)[craft] for name in ("miss", "targets", "constrained")}
         return replace(self, **rows)
+
+    @property
+    def rounding(self) -> Float[Array, "r"]:
+        """Misses that count as zero, m and m/s."""
+        return np.asarray(MET / self.weight)
 
     def residuals(self, states: States) -> Float[Array, "n r"]:
         """The targets minus node states, 0 where not constrained, m and m/s."""

@@ -1,7 +1,7 @@
 """Thrusters of any kind: least fuel, bounds and verdicts against cvxpy, MILPs and by hand."""
 
 import signal
-from dataclasses import replace
+from dataclasses import asdict, replace
 from fractions import Fraction
 from functools import cache
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from highspy import HighsModelStatus
 from judge.motion import Case, exact_step
+from judge.motion import fly as judge_fly
 from judge.thrusters import Thrusters
 from judged import document, judged
 from scipy.optimize import Bounds, LinearConstraint, milp
@@ -199,6 +200,23 @@ def test_impulse_bits_of_one_craft_cost_what_a_mixed_integer_program_says(model,
     assert plan.certificate.smallest_burn.fuel_without == pytest.approx(
         least(with_thrust(FEW, Thrust(model), limit=0.03))[0], rel=1e-6
     )
+
+
+@pytest.mark.parametrize("longer", [1e-10, 1e-9])
+def test_burns_half_orbits_apart_need_not_cancel_what_rounding_leaves_of_their_effect(longer):
+    """Over half an orbit a push along z hardly changes vz, and so changes it by rounding alone."""
+    step = np.pi / ONE.problem.mean_motion * (1 + longer)
+    problem = Problem(time_step=step, nodes=6)
+    controls = np.zeros((1, 5, 3))
+    controls[0, [0, -1]] = np.array([[0.052, 0.101, 0.047], [0.0, 0.032, 0.0]]) / step
+    goal = judge_fly(Case.of(asdict(problem)), ONE.initial, controls)[:, -1]
+    free = replace(ONE, problem=problem, goal=goal, ends="any")
+    between = ((1.5 * step, 3.5 * step),)
+    scenario = with_thrust(free, Thrust(min_delta_v=0.03, no_burn=between))
+    plan = solve(scenario)
+    assert plan.status == SOLVED, plan.message
+    assert judged(scenario, plan).wrong == ()
+    assert plan.certificate.delta_v <= 0.232 * (1 + 1e-3)
 
 
 @cache
