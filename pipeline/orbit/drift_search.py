@@ -7,6 +7,7 @@ from math import ceil
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
+from pipeline.errors import InputError
 from pipeline.orbit.approaches import chord_balls, chord_distances
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, norm
 from pipeline.orbit.dynamics import Dynamics
@@ -20,11 +21,15 @@ Near = tuple[Int[Array, "_"], Int[Array, "_"], Int[Array, "_"], Float[Array, "_"
 AT_ONCE = 50_000  # blocks of time steps that are compared at once, which bounds memory
 PARTS = 2  # into which blocks of time steps are cut
 WIDEST = 0.3  # largest angle by which the reference turns in a block of several steps, rad
+MOST_STEPS = 10_000_000  # time steps of a drift, whose maps take some 10 GB
 NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is rounding
 
 
 class DriftingPaths:
-    """Trajectories of participants: their plan, then free drift for a number of orbits."""
+    """Trajectories of participants: their plan, then free drift for a number of orbits.
+
+    InputError where the drift takes too many time steps for memory.
+    """
 
     def __init__(
         self,
@@ -38,6 +43,12 @@ class DriftingPaths:
         states, controls = swarms.all_states(states), swarms.all_controls(controls)
         h = problem.time_step
         steps = orbits * 2 * np.pi / problem.mean_motion / h
+        if steps > MOST_STEPS:
+            raise InputError(
+                f"passive safety is asked for over {orbits:g} orbits, {steps:.3g} time steps of "
+                f"{h:g} s; expected at most {MOST_STEPS:,} steps: ask for fewer orbits, or give a "
+                "longer time_step."
+            )
         whole = self.whole = int(steps + NO_LENGTH)  # M, whole time steps of a drift
         last = self.last = states.shape[1] - 1  # the last node of the plan
         self.problem = problem

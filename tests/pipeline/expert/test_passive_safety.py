@@ -21,6 +21,7 @@ from pipeline.plan.judge import Draft, certified_plan
 from pipeline.plan.plan import INFEASIBLE, SOLVED, UNSAFE, UNSOLVED
 from pipeline.plan.requirements import Requirements
 from pipeline.planners.classical import BASELINES
+from pipeline.planners.named import named_planner
 from pipeline.scenario import FAMILIES, Scenario, draw
 
 PROBLEM = Problem()
@@ -178,6 +179,14 @@ def test_a_row_is_what_controls_do_to_the_gap_along_the_normal():
         time = found.interval[k] * PROBLEM.time_step + found.offset[k]
         apart = distance_adrift(CASE, flown, controls, who, int(found.node[k]), float(time))
         assert np.linalg.norm(gaps(cuts, flown, controls)[k]) == pytest.approx(apart, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["expert", "decoupled-optimum"])
+def test_a_drift_of_more_time_steps_than_fit_in_memory_is_refused_in_a_sentence(name):
+    scenario = draw("rings", 0, 2, 1, Problem(time_step=1e-3, nodes=5))
+    planner = named_planner(name, Requirements(passive_safety=100.0))
+    with pytest.raises(InputError, match="fewer orbits"):
+        planner.plan([scenario])
 
 
 def test_separation_at_the_nodes_only_is_refused_with_it():
