@@ -138,7 +138,10 @@ def dual_bounds(duals: Duals, limits: Limits, problem: Problem) -> PerCraft:
     By weak duality: for any y, a control u costs at least y · (reach u) less the conjugate of the
     cost; and at least y · (reach u) where y is scaled until its dual norm is at most 1.
     """
-    along, value = duals.along, duals.value
+    along = duals.along
+    # Less what rounding of the miss may add, which is much where controls have almost no effect
+    value = np.where(duals.rounding > LIMIT_ROUNDING * np.abs(duals.value), -duals.rounding, 0.0)
+    value += duals.value
     most = np.where(limits.burns.any(axis=2), dual_norm(along, problem.thrust), 0.0).max(axis=1)
     bound = value / np.maximum(1.0, most)
     with np.errstate(invalid="ignore"):

@@ -1,5 +1,6 @@
 """Decoupled optima against HiGHS, and the bound that their dual variables prove."""
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -8,13 +9,17 @@ from judge import exact_step
 from scipy.optimize import linprog
 
 from pipeline.expert import decoupled_optima, solve
+from pipeline.expert.conic_decoupled import Duals, dual_bounds
 from pipeline.expert.decoupled import minimum_fuel
 from pipeline.orbit.decoupled import facets_of, minimum_fuel_by_table
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.rings import pro_states
+from pipeline.orbit.thrust import Thrust
 from pipeline.orbit.transfer import fly, transfer_maps
 from pipeline.scenario import draw
+from pipeline.scenario.spacecraft import limits_of
+from pipeline.scenario.state_constraints import state_constraints
 
 
 def by_highs(initial, goal, problem):
@@ -166,3 +171,17 @@ def test_rounding_of_what_no_control_changes_costs_no_fuel():
     found = decoupled_optima(initial, goal, problem)
     assert found.lower_bound == pytest.approx(fuel, rel=1e-6)
     assert np.abs(found.controls).sum(axis=(1, 2)) == pytest.approx(fuel, rel=1e-6)
+
+
+def test_rounding_of_a_drift_is_no_proof_of_fuel_where_controls_have_no_effect():
+    """Over half an orbit no control changes vz, so any multiplier of it is dual feasible."""
+    problem = Problem(nodes=5, thrust=Thrust("norm"))
+    problem = replace(problem, time_step=np.pi / problem.mean_motion)
+    initial = np.array([[100.0, 200.0, 50.0, 0.1, -0.2, 0.1]])
+    goal = fly(initial, np.zeros((1, 4, 3)), problem)[:, -1]
+    at = replace(state_constraints(initial, goal, problem, {}), miss=np.full((1, 6), 1e-13))
+    y = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 1e9]])
+    along = (y @ at.reach).reshape(1, 4, 3)
+    assert np.linalg.norm(along, axis=2).max() < 1  # dual feasible
+    duals = Duals(np.vecdot(y, at.miss), along, 0 * along, np.abs(y) @ at.rounding)
+    assert dual_bounds(duals, limits_of((), 1, problem), problem) == 0.0
