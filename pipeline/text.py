@@ -40,8 +40,8 @@ HIDDEN = "..."
 _URLS = re.compile(r"(?<![\w.+-])[\w.+-]+://\S*")  # in a sentence, with what is directly behind
 # Up to a second one directly behind, which a value of a query or a fragment is not
 _URL = re.compile(r"[\w.+-]+://(?:(?!(?<![=?&#\w.+-])[\w.+-]+://)\S)*")
-_CLOSING = re.compile(r"[.,;:!?'\"`)\]}>]*$")  # ends a sentence, bracket or quotation
-_BARE = re.compile(r"[^/\\@\s]+:[^/\\@\s]*@")  # user and password without the scheme
+_CLOSING = ".,;:!?'\"`)]}>"  # ends a sentence, bracket or quotation
+_BARE = re.compile(r"[^/\\@\s][^/\\@\s:]*:[^/\\@\s]*@")  # user and password without the scheme
 
 
 def public(text: object, *urls: object) -> str:
@@ -105,6 +105,5 @@ def _in_sentence(found: re.Match[str]) -> str:
 
 
 def _without_closing(found: re.Match[str]) -> str:
-    closing = _CLOSING.search(found[0])
-    end = closing.start() if closing else len(found[0])
-    return public_url(found[0][:end]) + found[0][end:]
+    url = found[0].rstrip(_CLOSING)
+    return public_url(url) + found[0][len(url) :]
