@@ -243,7 +243,7 @@ class ThrustSettings:
         default="components",
     )
     max_acceleration_norm: float | None = _thrust("Limit on the norm of the control, m/s².")
-    min_delta_v: float | None = _thrust("Smallest impulse bit: least Δv of a burn, m/s.")
+    min_delta_v: float | None = _thrust("Minimum impulse bit: least Δv of a burn, m/s.")
     no_burn: list[str] | None = _thrust(
         "Time span without burns, start:end in s, such as 300:500. Repeat the option for more.",
         metavar="START:END",

@@ -48,7 +48,7 @@ copybutton_prompt_text = "$ "
 
 
 def mathml(formula: str, display: str = "inline") -> str:
-    """A formula as MathML, with thin spaces about names of functions, and dots one can see."""
+    """Convert a LaTeX formula to MathML, with thin spaces around functions and full-size dots."""
     between = r"(?<=</m[in]>)(?=<mi>(?:sin|cos|tan)<)|(?<=<mi>(?:sin|cos|tan)</mi>)(?=<m[in]>)"
     made = re.sub(between, '<mspace width="0.167em" />', convert(formula, display=display))
     return re.sub("<mo>(?=[^<]*</mo></mover>)", '<mo scriptlevel="0">', made)

@@ -87,7 +87,7 @@ def scenario(
         collision_radius: craft must be further apart at all times, m.
         max_acceleration: limit on each component of the control, m/s², or None.
         thrust: thrusters along the axes, one that is pointed or of given directions, limits of the
-            norm, the smallest impulse bit, windows without burns, and the objective.
+            norm, the minimum impulse bit, windows without burns, and the objective.
         craft: what each craft has of its own, as its radius; none where all are alike.
         obstacles: bodies that craft keep clear of, and whose motion no plan changes.
         corridors: boxes and approach cones that craft stay inside of for some time.

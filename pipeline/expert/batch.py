@@ -141,7 +141,7 @@ class Batch:
         return part
 
     def raise_bounds(self, k: int, bound: PerCraft) -> None:
-        """Raise lower bounds on the fuel of a scenario's craft to bounds by branch and bound, m/s².
+        """Raise a scenario's lower bounds on fuel to those that branch and bound proved, m/s².
 
         Not with waypoints at open times, of which mixed-integer programs have one choice.
         """

@@ -86,7 +86,7 @@ def minimum_fuel_by_table(
 def _on_facets(
     facets: Facets, change: Float[Array, "N d"]
 ) -> tuple[Int[Array, "N"], Float[Array, "N d"], Float[Array, "N"]]:
-    """For each change of state: the facet on its ray, weights of the corners, the least fuel."""
+    """The facet that each change of state's ray meets, weights of its corners, and minimum fuel."""
     value = np.matvec(facets.dual, change)
     met = value.argmax(axis=1)
     weight = np.matvec(facets.weights.take(met, 0), change)

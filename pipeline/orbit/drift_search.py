@@ -26,7 +26,7 @@ NO_LENGTH = 1e-9  # share of an interval below which a remainder of a drift is r
 
 
 class DriftingPaths:
-    """Trajectories of participants: their plan, then free drift for a number of orbits.
+    """Trajectories of craft and obstacles: the plan, then free drift for a number of orbits.
 
     InputError where the drift takes too many time steps for memory.
     """

@@ -84,7 +84,7 @@ class ScenarioDocument(
     )
     min_delta_v: Positive | None = Field(
         None,
-        description="Smallest impulse bit: least Δv of a thruster's burn in an interval, m/s.",
+        description="Minimum impulse bit: least Δv of a thruster's burn in an interval, m/s.",
     )
     no_burn: NoBurn = ()
     objective: Objective = Field(

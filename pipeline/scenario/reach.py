@@ -138,7 +138,7 @@ def _unreachable(k: int, limits: Limits, scenario: Scenario, at: StateConstraint
 
 
 def _burns_too_small(k: int, limits: Limits, problem: Problem) -> CaseAndCure | None:
-    """The fault of a craft that can make no burn as large as the minimum impulse bit."""
+    """Diagnosis of a craft whose thrust limits allow no burn of the minimum impulse bit."""
     thrust, most = problem.thrust, [limits.component[k], limits.norm[k]]
     if thrust.min_delta_v is None:
         return None

@@ -237,7 +237,7 @@ def _limit_rows(scenario: Scenario) -> TableRows:
     rows = [
         ("Thrusters", kind),
         ("Limit on the norm of thrust", _milli(thrust.max_acceleration_norm, "mm/s²")),
-        ("Smallest impulse bit", _milli(thrust.min_delta_v, "mm/s")),
+        ("Minimum impulse bit", _milli(thrust.min_delta_v, "mm/s")),
         ("No craft burns", _windows(thrust.no_burn)),
         ("Minimized", "the largest share that a craft burns of its Δv" if fair else ""),
         *((f"Craft {k} of its own", _own(one)) for k, one in enumerate(scenario.craft)),

@@ -250,7 +250,7 @@ def test_impulse_bits_beside_a_limit_on_the_norm_cost_little_more_than_the_least
 
 
 def test_the_bound_of_a_swarm_with_an_impulse_bit_is_what_its_craft_need_by_such_burns():
-    """Against a mixed-integer program of each craft, with a thrust limit that no plan reaches."""
+    """Compared with a mixed-integer program for each craft, with an inactive thrust limit."""
     few = draw("rings", 0, 2, 4, FEW.problem)
     scenario = with_thrust(few, Thrust(min_delta_v=0.05))
     plan = solve(scenario)
@@ -679,9 +679,9 @@ def test_directions_that_are_none_are_refused_in_a_sentence(directions, said):
 
 @pytest.mark.parametrize("share", [5e-6, -5e-6, 2.9e-7])
 def test_small_burns_stay_where_those_at_the_limit_cannot_make_up_for_them(share):
-    """Two burns alone that lead to the same place have to be larger for one of both signs.
+    """The first and last burn are at the limit, and without the others would have to exceed it.
 
-    What counts as rounding, a millionth of the limit, is not used up.
+    For one sign of ``share``. The tolerance of the limit, a millionth, is not used up.
     """
     size, problem = 0.01, replace(ONE.problem, thrust=Thrust(max_acceleration_norm=0.01))
     controls = np.zeros((1, problem.intervals, 3))

@@ -74,7 +74,7 @@ class Thrusters:
 
     @property
     def bit_counts(self) -> bool:
-        """Whether lower bounds may count the minimum impulse bit: with fixed directions they do."""
+        """Whether lower bounds account for the minimum impulse bit: not for a pointed thruster."""
         return self.bit > 0 and not (isinstance(self.model, str) and self.model == "norm")
 
     def firings(self, controls: np.ndarray) -> np.ndarray:
