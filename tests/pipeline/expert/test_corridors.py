@@ -73,7 +73,7 @@ def test_plans_stay_inside_as_an_independent_judge_finds(kind, craft):
     found, truth = plan.certificate.corridor, inside(plan)
     assert found is not None
     assert 0 < found.min_margin_bound <= found.min_margin
-    assert found.min_margin_bound <= truth
+    assert found.min_margin_bound <= truth + 1e-12  # rounding, which differs between processors
     if "cone" not in kind and "both" not in kind:  # for a pyramid is inside of its cone
         assert found.min_margin == pytest.approx(truth, abs=2e-4)
     found = plan.certificate

@@ -28,6 +28,8 @@ from pipeline.orbit.reference import MU_EARTH, R_EARTH
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 from pipeline.orbit.transfer import fly, free_drift, minimum_energy
 
+ROUNDING = 3e-11  # of products of many maps, and of small differences; depends on the processor
+
 
 def orbit_of(e, perigee=500e3, nu=100.0, **others):
     """A reference orbit that begins at a true anomaly, deg."""
@@ -97,7 +99,7 @@ def test_about_a_circle_maps_are_those_of_clohessy_and_wiltshire(step):
     rest = times * 0.6
     found, (A, B) = dynamics.step(rest, k, 0.4 * step), cw_matrices(rate, rest)
     assert misfit(found[0], np.broadcast_to(A, (4, 3, 6, 6)), rate) < 1e-12
-    assert misfit(found[1], np.broadcast_to(B, (4, 3, 6, 3)), rate) < 1e-11  # a difference
+    assert misfit(found[1], np.broadcast_to(B, (4, 3, 6, 3)), rate) < ROUNDING  # a difference
     for first, last in ((0, 4), (1, 3), (2, 2), (3, 1)):
         drift = dynamics.drift(first, last), circle.drift(first, last)
         assert misfit(*drift, rate) < 1e-11
@@ -265,16 +267,16 @@ def test_maps_do_not_depend_on_how_time_is_cut(e):
     orbit = orbit_of(e, ballistic=0.02)
     step, rate = period(orbit) / 3, orbit.fastest
     coarse, fine = LinearizedDynamics(orbit, step, 3), LinearizedDynamics(orbit, step / 40, 120)
-    assert misfit(coarse.drift(0, 3), fine.drift(0, 120), rate) < 1e-11
+    assert misfit(coarse.drift(0, 3), fine.drift(0, 120), rate) < ROUNDING
     A, B = coarse.step(0.5 * step, 1)
-    assert misfit(A, fine.drift(40, 60), rate) < 1e-11
+    assert misfit(A, fine.drift(40, 60), rate) < ROUNDING
     steps = fine.step(step / 40, np.arange(120))[1]
     pushed = sum(fine.drift(k + 1, 60) @ steps[k] for k in range(40, 60))
-    assert misfit(B, pushed, rate) < 1e-11
+    assert misfit(B, pushed, rate) < ROUNDING
     A, B = coarse.step(0.25 * step, 2, 0.5 * step)
-    assert misfit(A, fine.drift(100, 110), rate) < 1e-11
+    assert misfit(A, fine.drift(100, 110), rate) < ROUNDING
     pushed = sum(fine.drift(k + 1, 110) @ steps[k] for k in range(100, 110))
-    assert misfit(B, pushed, rate) < 1e-11
+    assert misfit(B, pushed, rate) < ROUNDING
 
 
 @pytest.mark.parametrize("e", [0.0, 0.7])
