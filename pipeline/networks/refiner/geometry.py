@@ -225,8 +225,8 @@ def gains(
     return (weights.reshape(-1, 1, 12) @ rows(grid.ends, interval))[:, 0]
 
 
-def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "*k L"]) -> Float[Any, "*k L 3"]:
-    """Relative positions at shares of an interval."""
+def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
+    """Relative positions at a share of an interval."""
     return _weighted(_hermite(like(share, ends)), ends)
 
 
@@ -247,16 +247,15 @@ def passing(
     return _unit(past), _length(speed)[:, 0]
 
 
-def _hermite(s: Float[Any, "*k L"]) -> Float[Any, "*k L 4"]:
+def _hermite(s: Float[Any, "L"]) -> Float[Any, "L 4"]:
     """Hermite weights of position and velocity at one end, then at the other."""
     r = 1 - s
     weights = [r * r * (1 + 2 * s), s * r * r, s * s * (1 + 2 * r), -s * s * r]
     return namespace(s).stack(weights, axis=-1)
 
 
-def _weighted(weights: Float[Any, "*k L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "*k L 3"]:
-    each = "lk,lkx->lx" if weights.ndim == 2 else "tlk,lkx->tlx"
-    return namespace(ends).einsum(each, weights, ends.reshape(-1, 4, 3))
+def _weighted(weights: Float[Any, "L 4"], ends: Float[Any, "L 2 6"]) -> Float[Any, "L 3"]:
+    return namespace(ends).einsum("lk,lkx->lx", weights, ends.reshape(-1, 4, 3))
 
 
 def _across(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
