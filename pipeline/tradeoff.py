@@ -96,7 +96,7 @@ def with_arcs(
     """The scenario with another number of control intervals; a moving goal drifts until their end.
 
     InputError where that is too short for waypoints and corridors or, unless ``allow_drift`` or the
-    ends are any, where fixed goals drift at their new time, as they do but about a circle.
+    ends are any, where fixed goals drift at their new time, as they do unless about a circle.
     """
     problem = replace(scenario.problem, nodes=arcs + 1)
     check_choice("goal", goal, get_args(Goal))

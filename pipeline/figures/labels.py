@@ -75,12 +75,12 @@ def _percent(share: float) -> str:
 
 
 def percents(low: float, high: float) -> str:
-    """The interval of a share, in percent."""
+    """Text of the interval of a share, in percent."""
     return f"[{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def ratios(low: float, high: float) -> str:
-    """The interval of a ratio."""
+    """Text of the interval of a ratio."""
     return f"[{ratio(low)}, {ratio(high)}]"
 
 
@@ -90,7 +90,7 @@ def ratio_within(value: float, interval: tuple[float, float]) -> str:
 
 
 def span(values: Iterable[float]) -> str:
-    """The least and the greatest of some numbers."""
+    """Text of the least and the greatest of some numbers."""
     given = list(values)
     low, high = min(given), max(given)
     return number(low) if low == high else f"{number(low)} to {number(high)}"

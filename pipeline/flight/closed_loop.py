@@ -267,13 +267,13 @@ class Choice:
     def offer(
         self, which: Indices, plans: Sequence[Plan], radius: float, margin: Margin | None = None
     ) -> None:
-        """Close trials whose new plan, or the current one, is safe, with the cheaper safe one.
+        """Choose between a new and the current plan of each trial, and close it where one is safe.
 
-        Where neither is, the one that keeps craft further apart remains; but one that misses the
-        goal does not replace one that meets it. Plans are for the trials ``which``, all open, and
-        for separation by a radius, m. With a margin, a plan must keep all of it or, where it has no
-        other requirements than the choice, fall short by less than the other; and a new one must
-        not cost too much.
+        Of two safe ones the cheaper is taken. Where neither is safe, the one that keeps craft
+        further apart remains; but one that misses the goal does not replace one that meets it.
+        Plans are for the trials ``which``, all open, and for separation by a radius, m. With a
+        margin, a plan must keep all of it or, where it has no other requirements than the choice,
+        fall short by less than the other; and a new one must not cost too much.
         """
         if not plans:
             return

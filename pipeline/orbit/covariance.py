@@ -134,7 +134,8 @@ def dispersion(
 ) -> Dispersion:
     """Linear covariance analysis: dispersions about the trajectories of controls, m/s².
 
-    They do not depend on initial states. In open loop, or with ``pipeline.orbit.feedback``.
+    They are those of flight in open loop or, in ``closed_loop``, with the feedback of
+    ``pipeline.orbit.feedback``, and do not depend on initial states.
     """
     maps = error_maps(problem, closed_loop, bool(uncertainty.latency))
     navigation = _by_navigation(problem, uncertainty, closed_loop)
