@@ -31,6 +31,9 @@ SURPRISE = 35.0
 # Standard deviation of the relative acceleration that the linear model leaves out, as a share of
 # e² times the distance from the reference: of J2 and an eccentricity of 0.001
 UNMODELLED = 5e-3
+# Share added to variances of innovations: where no estimate has noise of its own, and burns err in
+# three components of six, their covariance is singular but for rounding
+ROUNDING = 1e-12
 FLOOR = 1e-9  # least standard deviation of an estimate, m; of velocities e times it
 
 Known = tuple[Float[Array, "N size"], Float[Array, "N size size"]]  # mean and covariance
@@ -75,7 +78,9 @@ class Filter:
         gain = covariance @ observed.T
         off = seen - np.matvec(observed, mean)
         both = np.concatenate([off[..., None], gain.mT], axis=-1)
-        weighed = np.linalg.solve(observed @ gain + self._floor, both)
+        innovation = observed @ gain + self._floor
+        innovation[:, range(6), range(6)] *= 1 + ROUNDING
+        weighed = np.linalg.solve(innovation, both)
         mean = mean + np.matvec(gain, weighed[..., 0])
         covariance = covariance - gain @ weighed[..., 1:]
         covariance = (covariance + covariance.mT) / 2

@@ -1,5 +1,7 @@
 """The filter of estimates, held against least squares and against how far it is off in trials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from judge import exact_step
@@ -13,6 +15,7 @@ PROBLEM = Problem()
 H = PROBLEM.time_step
 A, B = exact_step(PROBLEM.mean_motion, H)
 TRIALS = 2000
+NOISELESS = dict.fromkeys(("position", "velocity", "semi_major_axis"), 0.0)
 
 
 def drifted(errors, rng, controls, trials=TRIALS, start=(80.0, -200.0, 40.0, 0.0, -0.18, 0.02)):
@@ -107,6 +110,20 @@ def test_after_a_missed_burn_the_estimate_counts_alone():
     known = np.diag(covariances[2][0])[[0, 3]] ** 0.5
     np.testing.assert_allclose(known, [np.hypot(0.05, 0.02), np.hypot(5e-4, 1e-4)], rtol=1e-9)
     assert not np.allclose(states[3], seen[3], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cold-gas", "electric"])
+def test_estimates_with_a_bias_alone_are_filtered_too(name):
+    """What is new in them has no more than the three components of a burn's error."""
+    rng, errors = np.random.default_rng(6), replace(PRESETS[name].gaussian(H), **NOISELESS)
+    controls = burns(rng)
+    truth, seen = drifted(errors, rng, controls, 300)
+    states, covariances = filtered(errors, seen, controls)
+    for node in range(1, 9):
+        off, raw = states[node] - truth[node], seen[node] - truth[node]
+        expected = np.diagonal(covariances[node], axis1=1, axis2=2).mean(axis=0)
+        assert ((off**2).mean(axis=0) < 1.15**2 * expected).all()
+        assert (off.std(axis=0) < 1.05 * raw.std(axis=0)).all()
 
 
 def test_states_that_are_known_exactly_are_left_alone():
