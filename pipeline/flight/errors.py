@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int
 from pipeline.errors import check_whole
 from pipeline.orbit.arrays import norm
-from pipeline.orbit.covariance import MAX_ERRORS, NO_BURN, Uncertainty, navigation_roots
+from pipeline.orbit.covariance import MAX_ERRORS, Uncertainty, is_burn, navigation_roots
 from pipeline.orbit.problem import Problem
 from pipeline.scenario.families import SEEDS
 
@@ -225,8 +225,7 @@ def burns_made(
     if errors.impulse_bit > 0:
         bit = errors.impulse_bit / time_step
         commanded = bit * np.round(commanded / bit)
-    size = norm(commanded)
-    burning = size > NO_BURN
+    size, burning = norm(commanded), is_burn(commanded, time_step)
     missed = burning & (drawn.missed[:, interval] < errors.missed)
     unit = commanded / np.where(burning, size, 1.0)[..., None]
     draw = drawn.burn[:, interval]

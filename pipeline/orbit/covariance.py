@@ -5,9 +5,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.arrays import Array, Float, fields_as_python
+from pipeline.arrays import Array, Bool, Float, fields_as_python
 from pipeline.errors import InputError, check_range
-from pipeline.orbit.arrays import Controls, Indices, Node, Values, norm
+from pipeline.orbit.arrays import Controls, Indices, Node, Values, Vector, norm
 from pipeline.orbit.feedback import ErrorMaps, error_maps
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import step_maps
@@ -15,7 +15,9 @@ from pipeline.orbit.transfer import step_maps
 NO_ERROR = 1e-100  # standard deviation in place of 0, SI
 # Added to scaled variances, of at most 1, so that with rounding matrices are positive definite
 ROUNDING = 1e-9
-NO_BURN = 1e-9  # acceleration, m/s², up to which a control is rounding error and no burn
+# A control of at most this acceleration, m/s², which in an interval moves a craft by at most this
+# much, m, is rounding error and no burn
+NO_BURN, NO_MOTION = 1e-9, 1e-5
 
 # Largest errors that are accepted, SI: no swarm would be flown with larger ones
 MAX_ERRORS = {
@@ -251,11 +253,16 @@ def burn_covariance(
     along, across = uncertainty.magnitude, uncertainty.direction
     fixed = max(uncertainty.magnitude_fixed, uncertainty.direction_fixed) / problem.time_step
     square = controls[..., :, None] * controls[..., None, :]
-    counts = norm(controls) > NO_BURN
+    counts = is_burn(controls, problem.time_step)
     if correction is not None:
         square, counts = square + correction, np.ones_like(counts)
     total = across**2 * np.trace(square, axis1=-2, axis2=-1) + fixed**2 * counts
     return total[..., None, None] * np.eye(3) + (along**2 - across**2) * square
+
+
+def is_burn(controls: Vector, time_step: float) -> Bool[Array, "*batch"]:
+    """Mask of the controls, m/s², that are burns in an interval of ``time_step`` s."""
+    return norm(controls) > min(NO_BURN, NO_MOTION / time_step**2)
 
 
 def standard_deviation(rows: Float[Array, "k d"], covariance: Float[Array, "k d d"]) -> Values:

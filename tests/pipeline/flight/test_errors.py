@@ -16,6 +16,7 @@ from pipeline.flight.errors import (
     navigation_errors,
 )
 from pipeline.flight.world import LinearWorld
+from pipeline.orbit.covariance import burn_covariance
 from pipeline.orbit.problem import Problem
 
 H = 120.0
@@ -80,6 +81,19 @@ def test_burns_are_missed_as_often_as_told_and_then_whole():
     assert not made.held[made.missed == 1].any()
     assert not made.late[made.missed == 1].any()
     assert made.held[made.missed == 0].any(axis=(1, 2)).all()
+
+
+def test_a_slow_burn_that_moves_a_craft_is_one_and_what_rounding_leaves_of_a_coast_is_none():
+    """Of a transfer on a geostationary orbit in two days: 10 µm/s in 20,000 s, a move by 0.1 m."""
+    errors, problem = replace(COLD_GAS, missed=1.0), Problem(7.3e-5, 2e4)
+    controls = np.array([[[5e-10, 0.0, 0.0]], [[0.0, 1e-15, 0.0]]])
+    drawn = draws(0, range(1), 2, 1)
+    made = burns_made(controls.swapaxes(0, 1), drawn, 0, errors, 2e4)
+    assert (made.missed == 1).all()
+    assert (made.held == [[0.0, 0.0, 0.0], [0.0, 1e-15, 0.0]]).all()
+    slow, coast = burn_covariance(controls, problem, errors.gaussian(2e4))[:, 0]
+    np.testing.assert_allclose(np.diag(slow)[1:], (1e-4 / 2e4) ** 2 + (0.02 * 5e-10) ** 2)
+    assert np.abs(coast).max() < 1e-30
 
 
 @pytest.mark.parametrize("lag", [0.1, 1.0, 10.0, -1.0])
