@@ -29,7 +29,7 @@ FEWEST = 8  # states of an arc, so that readers that take eight for degree 7 fin
 SPACING = 0.05
 DEGREE = 7  # of the Hermite interpolation that files ask for
 
-POINTS = 16  # of Gauss and Legendre in an interval, enough for a revolution
+POINTS = 16  # of Gauss and Legendre in a revolution, or an interval that is shorter
 
 
 def write_messages(
@@ -201,7 +201,8 @@ def _velocities(plan: Plan, burns: Burns) -> Float[Array, "burns 3"]:
     """What burns add to inertial velocities, m/s: integrals of accelerations in a turning frame."""
     problem = plan.scenario.problem
     points, weights = np.polynomial.legendre.leggauss(POINTS)
-    share = np.arange(problem.intervals)[:, None] + (1 + points) / 2
+    pieces = int(np.ceil(problem.dynamics.fastest * problem.time_step / (2 * np.pi)))
+    share = (np.arange(problem.intervals * pieces)[:, None] + (1 + points) / 2) / pieces
     turned = reference_frames(plan.scenario, problem.time_step * share)[1].axes
-    mean = np.tensordot(turned, weights / 2, axes=(1, 0))
+    mean = np.tensordot(turned, weights / 2, axes=(1, 0)).reshape(-1, pieces, 3, 3).mean(axis=1)
     return problem.time_step * np.matvec(mean[burns.interval], burns.acceleration)

@@ -201,6 +201,23 @@ def test_its_burns_held_in_inertial_axes_lead_nearly_to_the_goal(made, messages)
         assert axes.T @ flown[:3] - [radius, 0, 0] == pytest.approx(goal[:3], abs=0.1)
 
 
+def test_a_burn_of_many_revolutions_adds_what_it_does_in_closed_form(tmp_path):
+    """Of thrust in the orbital plane sin(angle/2)/(angle/2) is left as axes turn by the angle."""
+    problem = Problem(time_step=1e5, nodes=3)
+    plan = solve(replace(draw("rings", 0, 1, 3, problem), reference=WHERE))
+    (path,) = write_orbit_parameters(plan, tmp_path, "p", Masses.of(1, 12.0, IMPULSE))
+    half = problem.mean_motion * problem.time_step / 2
+    burnt = []
+    for k, u in enumerate(plan.controls[0]):
+        left = np.array([np.sin(half) / half, np.sin(half) / half, 1.0])
+        middle = axes_at((k + 0.5) * problem.time_step, problem.mean_motion)
+        burnt.append(middle @ (left * u) * problem.time_step)
+    told = NdmIo().from_path(path).body.segment.data.maneuver_parameters
+    for one, wanted in zip(told, burnt, strict=True):
+        added = 1e3 * np.array([one.man_dv_1.value, one.man_dv_2.value, one.man_dv_3.value])
+        assert added == pytest.approx(wanted, abs=1e-9)
+
+
 def test_an_opm_without_masses_or_a_place_is_refused(made, tmp_path):
     with pytest.raises(InputError, match=r"expected mass \(kg\) and specific_impulse \(s\)"):
         write_orbit_parameters(made, tmp_path, "p", Masses.of(3, 12.0))
