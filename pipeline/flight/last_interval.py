@@ -21,7 +21,7 @@ from pipeline.orbit.transfer import state_weight
 
 ROUNDS = 8  # iterations: a craft may belong to several pairs, each of which moves it
 EARLY = 0.1  # share of the interval up to which its controls hardly move a pair
-CLOSE = 5.0  # distance beyond the collision radius, m, up to which pairs are considered
+CLOSE = 5.0  # least distance beyond the collision radius, m, up to which pairs are considered
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +40,27 @@ class LastInterval:
         """The controls, m/s², changed within their limit where pairs would come too near."""
         (trials, n, _), problem = self.estimate.shape, self.problem
         held, swarms = controls.reshape(-1, 3), swarm_partition((n,) * trials)
-        within, most = problem.collision_radius + CLOSE, problem.most_control
+        within, most = self._considered_distances(held), problem.most_control
         for _ in range(ROUNDS):
             states = flown_interval(self.estimate.reshape(-1, 6), held, problem)
-            found = close_approaches(states, held[:, None], problem, within, swarms=swarms)
-            change = self._changes(found, held)
+            widest = float(within.max())
+            found = close_approaches(states, held[:, None], problem, widest, swarms=swarms)
+            # Whether others in the batch have larger ones makes no difference.
+            change = self._changes(found[found.bound < within[found.first // n]], held)
             if not change.any():
                 break
             held = np.clip(held + change, -most, most)
         return held.reshape(controls.shape)
+
+    def _considered_distances(self, held: HeldControls) -> Float[Array, "K"]:
+        """Distances, m, up to which pairs of each trial may need to be moved apart."""
+        A, B = self.problem.dynamics.step(np.array([0.0, self.problem.time_step]))
+        burns = burn_covariance(held[:, None], self.problem, self.uncertainty)
+        known, free, pushed = self.covariance.reshape(-1, 1, 6, 6), A[:, :3], B[:, :3]
+        positions = free @ known @ free.mT + pushed @ burns @ pushed.mT
+        variance = np.trace(positions, axis1=2, axis2=3).reshape(len(self.estimate), -1)
+        margin = self.sigmas * np.sqrt(2 * variance.max(axis=1))
+        return np.asarray(self.problem.collision_radius + np.maximum(margin, CLOSE))
 
     def _changes(self, found: Approaches, held: HeldControls) -> HeldControls:
         """Changes of controls, m/s², that give each pair the required separation."""

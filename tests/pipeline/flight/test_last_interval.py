@@ -80,14 +80,14 @@ def test_craft_are_kept_apart_with_the_least_left_at_the_goal():
     assert missed(last, found) <= 1.02 * best.fun
 
 
-def deviations(last, controls, normal, t, trials=20_000):
+def deviations(last, controls, normal, t, trials=20_000, known=0.03):
     """Of the separation along a direction at a time, m, in trials."""
     rng = np.random.default_rng(0)
-    known = rng.normal(size=(trials, 2, 6)) * np.repeat([0.03, 3e-4], 3)
+    off = rng.normal(size=(trials, 2, 6)) * np.repeat([known, known / 100], 3)
     size = np.linalg.norm(controls[0], axis=1)[:, None]
     made = controls[0] + 0.05 * size * rng.normal(size=(trials, 2, 3))
     free, forced = exact_step(E, float(t))
-    at = (last.estimate[0] + known) @ free.T + made @ forced.T
+    at = (last.estimate[0] + off) @ free.T + made @ forced.T
     return float(((at[:, 0, :3] - at[:, 1, :3]) @ normal).std())
 
 
@@ -106,6 +106,26 @@ def test_so_many_deviations_are_kept_or_as_many_as_the_goals_have(sigmas):
     assert 1.2 < most < 5
     assert min(sigmas, most) - 0.06 < kept < min(sigmas, most) + 0.3
     assert apart(last, controls).min() < 15 + room
+
+
+def test_deviations_of_metres_are_kept_too():
+    """As many as at the goals, which are 25 m apart: 22.5 m where both are nearest."""
+    known, goal = 2.0, np.array([[0.0, 60.0, *[0.0] * 4], [20.0, 76.0, 0.0, 0.35, -0.05, 0.0]])
+    last, _ = case(goal=goal, known=known, uncertainty=Uncertainty(magnitude=0.05, direction=0.05))
+    begin = np.linalg.solve(A, goal.T).T
+    last = replace(last, estimate=np.stack([last.estimate[0, 0], begin[1]])[None])
+    controls = last.kept_apart((goal - last.estimate @ A.T) @ last_control_map(PROBLEM).T)
+    found = apart(last, controls)
+    t = np.linspace(0, H, 241)[found.argmin()]
+    free, forced = exact_step(E, float(t))
+    gap = -np.diff(last.estimate[0] @ free.T + controls[0] @ forced.T, axis=0)[0, :3]
+    normal = gap / np.linalg.norm(gap)
+    most = (np.linalg.norm(goal[0, :3] - goal[1, :3]) - 15) / deviations(
+        last, controls, normal, H, known=known
+    )
+    assert most < 3
+    kept = (found.min() - 15) / deviations(last, controls, normal, t, known=known)
+    assert most - 0.06 < kept < most + 0.3
 
 
 def test_craft_far_apart_are_left_alone():
