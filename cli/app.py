@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 
 from cli.output import echo, escape_unencodable
 from pipeline.errors import InputError, ProlearnError, missing_extra_hint
-from pipeline.files import refuse_special, unfinished
+from pipeline.files import refuse_dataset, refuse_special, unfinished
 from pipeline.text import public, visible
 
 FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 1, 2, 130, 143
@@ -161,8 +161,9 @@ def explained_interrupt(kept: Callable[[], str]) -> Iterator[None]:
 
 
 def refuse_overwriting(source: Path, target: Path) -> None:
-    """Raise InputError where an output would overwrite the file that it is made from, or a pipe."""
+    """Raise InputError for an output over its own input or a pipe, or in a dataset's folder."""
     refuse_special(target)
+    refuse_dataset(target)
     if source.exists() and target.exists() and target.samefile(source):
         raise InputError(
             f"{target} is the input and would be overwritten; expected another name for the "

@@ -24,7 +24,7 @@ from cli.settings import (
     option,
 )
 from pipeline.errors import InputError
-from pipeline.files import refuse_special
+from pipeline.files import refuse_dataset, refuse_special
 from pipeline.text import as_argument
 
 if TYPE_CHECKING:
@@ -112,6 +112,7 @@ def new(
     if scenario.is_dir():
         raise InputError(f"{scenario} is a folder; expected the name of a file.")
     refuse_special(scenario)
+    refuse_dataset(scenario)
     if scenario.exists() and not force:
         raise InputError(f"{scenario} exists; expected a new name, or --force to replace it.")
     asked, content = problem.problem(), asdict(problem)

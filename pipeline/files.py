@@ -17,6 +17,7 @@ from pipeline.text import public_url, visible
 
 STDIO = Path("-")  # instead of a file: standard input or standard output
 PIECE = 2**20  # bytes that are read at once
+DATASET = "_manifest.json", "_scenarios"  # what every dataset's folder holds
 # Names of unfinished files: the name of the file and a unique token
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{32}\.tmp", re.DOTALL)
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # with which a URL begins; not a drive's letter
@@ -89,6 +90,16 @@ def refuse_special(path: Path) -> None:
         )
 
 
+def refuse_dataset(path: Path) -> None:
+    """Raise InputError for a place in a dataset's folder, where other files are foreign."""
+    for folder in Path(os.path.realpath(path)).parents if path != STDIO else ():
+        if all(os.path.lexists(folder / name) for name in DATASET):
+            raise InputError(
+                f"{path} is inside {folder}, which is a dataset's folder; expected another place, "
+                "since `prolearn verify` takes all else there for foreign: name one outside."
+            )
+
+
 def refuse_undecodable(path: Path) -> None:
     """Raise InputError for a path that is not UTF-8, which some libraries cannot open."""
     try:
@@ -100,7 +111,8 @@ def refuse_undecodable(path: Path) -> None:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Raise the error, InputError or OSError, that writing a file would, and leave no file."""
+    """Raise InputError or OSError where no file can or should be written, and leave no file."""
+    refuse_dataset(path)
     target = _resolved(path)
     refuse_stdio(target.parent)
     folder = lowest_existing(target.parent)

@@ -31,7 +31,7 @@ from sqlalchemy import create_engine, event
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError
-from pipeline.files import refuse_undecodable
+from pipeline.files import refuse_dataset, refuse_undecodable
 from pipeline.parallel.processes import waiting_signals
 from pipeline.scratch import TOKEN, clear_dead, clear_scratch, held_lock_file
 from pipeline.text import first_line, public, public_url, sqlite_url
@@ -331,6 +331,7 @@ def _guarded(path: Path, *, create: bool) -> Iterator[bool]:
                 f"There is no tracking store at {path}; expected one with results in it: run "
                 "`prolearn train` here first, change the folder, or set MLFLOW_TRACKING_URI."
             )
+        refuse_dataset(path)
         path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with ExitStack() as held:

@@ -10,6 +10,7 @@ from cli.settings import FlownTrials
 from pipeline.errors import InputError, check_range
 from pipeline.figures.style import save
 from pipeline.figures.tables import write_csv
+from pipeline.files import refuse_dataset
 from pipeline.flight.errors import Errors
 from pipeline.flight.loops import MOST_SIGMAS, SIGMAS, TrialSettings, flight_loops
 from pipeline.flight.montecarlo import fly_all
@@ -40,6 +41,7 @@ def fly_trials(
         planner = planner_of(settings.planner, plan.requirements, settings.effort)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out is the file {out}; expected a folder.")
+    refuse_dataset(out)
     check_range("--size", size, 0.0, FURTHEST)
     sigmas = SIGMAS if settings.sigmas is None else settings.sigmas
     check_range("--sigmas", sigmas, 0.0, MOST_SIGMAS)

@@ -18,7 +18,6 @@ from pipeline.markup import formatted
 from pipeline.provenance import version_change
 from pipeline.report import ReportFiles, Results, build_report
 from pipeline.scratch import scratch_folder
-from pipeline.storage import MANIFEST
 from registry.environment import versions_of
 from registry.metrics import training_tables
 from registry.models import ModelVersion, list_versions
@@ -67,11 +66,8 @@ def report(out: Path, run_id: str | None = None) -> ReportFiles:
 
     InputError also for a URL; InputError or OSError where the folder cannot be written to.
     """
-    for folder in (out, *out.absolute().parents):
-        if (folder / MANIFEST).exists():
-            kind = "a folder of trials" if any(folder.glob("loop=*")) else "a dataset's folder"
-            place = "is" if folder == out else f"is in {folder},"
-            raise InputError(f"{out} {place} {kind}; expected another: give it with --out.")
+    if any(out.glob("loop=*")):
+        raise InputError(f"{out} is a folder of trials; expected another: give it with --out.")
     refuse_unwritable(out / "report.md")  # before all is read and drawn
     run = evaluation(run_id)
     first = ReportedRun(run, sound_table(run), _models_of(run))

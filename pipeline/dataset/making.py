@@ -22,6 +22,7 @@ from pipeline.dataset.manifest import (
 from pipeline.dataset.samples import Sample
 from pipeline.errors import InputError
 from pipeline.expert import Settings, solve_many
+from pipeline.files import refuse_dataset
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.thrust import ALONG_AXES
 from pipeline.parallel.workers import ALL_CORES, Workers, check_worker
@@ -56,6 +57,8 @@ def sample(
     the folder; ProlearnError where it cannot be written to or workers are killed repeatedly.
     """
     folder = open_folder(where)
+    if folder.local:
+        refuse_dataset(folder.local)
     if problem.thrust != ALONG_AXES:
         raise InputError(
             "the problem has thrusters of its own or constraints on burns, and a dataset has no "

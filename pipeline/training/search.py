@@ -11,7 +11,7 @@ from filelock import FileLock
 from sqlalchemy.exc import SQLAlchemyError
 
 from pipeline.errors import InputError, ProlearnError, missing_extra_hint
-from pipeline.files import make_folder
+from pipeline.files import make_folder, refuse_dataset
 from pipeline.networks.encoding import INTERIORS
 from pipeline.text import first_line, sqlite_url
 
@@ -36,12 +36,15 @@ def open_study(path: Path, name: str) -> Iterator["Study"]:
     """The study of a name in an SQLite file; either is created where it is missing.
 
     Searches whose trials can be compared have the same name. InputError where Optuna is missing, or
-    the path is a folder or below a file. ProlearnError where the file fails, in the block too.
+    the path is a folder, below a file, or new in a dataset's folder. ProlearnError where the file
+    fails, in the block too.
     """
     with missing_extra_hint():
         import optuna
     if path.is_dir():
         raise InputError(f"--storage is the folder {path}; expected Optuna's SQLite file.")
+    if not path.exists():
+        refuse_dataset(path)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     try:
         make_folder(path.parent)

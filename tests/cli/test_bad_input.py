@@ -1,12 +1,16 @@
 """Bad input: one clear sentence, exit status 2, no traceback, nothing written."""
 
 import json
+import shutil
 import time
 
 import pytest
 
+from pipeline.dataset.making import sample
+from pipeline.dataset.samples import Sample
 from pipeline.expert import solve
 from pipeline.orbit.problem import Problem
+from pipeline.parallel.workers import Workers
 from pipeline.plan.document import write_plan
 from pipeline.scenario import draw
 from pipeline.scenario.document import write_scenario
@@ -330,6 +334,46 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_anything_is_planned
     said = f"prolearn: {file} cannot be read or written (Permission denied); expected one that can"
     assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
     assert done.stderr.startswith(said)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sampled")
+    sample(folder, {2: Sample("rings", 0, 2)}, Problem(), workers=Workers(1))
+    write_scenario(folder.parent / "s.json", scenario := draw("rings", 0, 2, 0, Problem()))
+    write_plan(folder.parent / "p.json", solve(scenario))
+    return folder
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("scenario", "new", "data/new.json"),
+        ("plan", "s.json", "--out", "data/new.json"),
+        ("plan", "s.json", "s2.json", "--out", "data/plans"),
+        ("tradeoff", "s.json", "--duration", "20..40min", "--out", "data"),
+        *(("convert", "p.json", "--to", to, "--out", "data/new") for to in ("oem", "csv")),
+        ("show", "p.json", "--out", "link/new.html"),
+        ("fly", "p.json", "--trials", "1", "--out", "data/n=2/new"),
+        ("models", "export", "packaged", "--out", "data/new"),
+        ("report", "--out", "data"),
+        ("report", "--out", "data/reports/new"),
+        ("sample", "--out", "data/new"),
+        ("sample", "--out", "file:///proc/self/cwd/data/new"),
+        ("dataset", "--out", "data/new"),
+    ],
+)
+def test_no_command_writes_into_a_datasets_folder(command, run, dataset, tmp_path):
+    """There ``verify`` would call the files foreign, and ``verify --repair`` set them aside."""
+    shutil.copytree(dataset, tmp_path / "data")
+    (tmp_path / "link").symlink_to("data")
+    for source, copy in (("s.json", "s.json"), ("s.json", "s2.json"), ("p.json", "p.json")):
+        shutil.copyfile(dataset.parent / source, tmp_path / copy)
+    before = sorted(tmp_path.rglob("*"))
+    done = run(*command)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert f"inside {tmp_path / 'data'}, which is a dataset's folder; expected" in done.stderr
     assert sorted(tmp_path.rglob("*")) == before
 
 

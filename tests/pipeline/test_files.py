@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
-from rights import read_only
+from rights import bound_by_modes, read_only
 
 from pipeline.errors import InputError
 from pipeline.files import (
@@ -105,6 +105,14 @@ def test_where_a_file_can_be_written_is_known_before_and_nothing_is_made(tmp_pat
             with pytest.raises(PermissionError, match=name):
                 refuse_unwritable(tmp_path / name)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("folder", ["locked", "n" * 300])
+def test_a_folder_that_cannot_be_looked_into_is_told_by_the_name_of_the_file(tmp_path, folder):
+    (tmp_path / "locked").mkdir(mode=0)
+    with bound_by_modes(), pytest.raises(OSError) as raised:
+        refuse_unwritable(tmp_path / folder / "file")
+    assert raised.value.filename == str(tmp_path / folder / "file")
 
 
 @pytest.mark.parametrize(

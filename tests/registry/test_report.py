@@ -144,14 +144,6 @@ def test_a_report_of_an_earlier_evaluation_takes_what_is_of_its_models_alone(
     assert "was made with" not in text  # what one run alone has decides nothing in the others
 
 
-def test_a_report_goes_into_no_datasets_folder(solved: Path) -> None:
-    with pytest.raises(InputError, match="is a dataset's folder; expected another"):
-        report(solved)
-    with pytest.raises(InputError, match=f"is in {solved}, a dataset's folder; expected another"):
-        report(solved / "reports" / "new")
-    assert not (solved / "reports").exists()
-
-
 def test_a_report_goes_into_no_folder_of_trials(tmp_path: Path) -> None:
     (tmp_path / "loop=open-loop").mkdir()
     (tmp_path / "_manifest.json").touch()

@@ -20,6 +20,7 @@ from sqlalchemy import create_engine
 
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
+from pipeline.training.search import open_study
 from registry.models import list_versions, load
 from registry.store import EXPERIMENTS, TRAINING, connect, opened, recorded_run, store_errors
 from registry.training import DatasetInfo, record_training
@@ -44,6 +45,18 @@ def test_the_environment_variable_decides_and_stays_as_it_is(
 
     assert connect().uri == f"sqlite:///{folder / 'elsewhere' / 'runs.db'}"
     assert os.environ["MLFLOW_TRACKING_URI"] == "sqlite:///elsewhere/runs.db"
+
+
+def test_a_new_store_or_study_goes_into_no_datasets_folder(
+    solved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = sorted(solved.iterdir())
+    monkeypatch.chdir(solved)
+    with pytest.raises(InputError, match="is a dataset's folder; expected another place"):
+        connect()
+    with pytest.raises(InputError, match="is a dataset's folder; expected another place"):
+        open_study(solved / "optuna.db", "any").__enter__()
+    assert sorted(solved.iterdir()) == before
 
 
 def test_a_change_of_folder_is_a_change_of_store(

@@ -252,17 +252,17 @@ def test_what_is_not_there_is_said_with_what_to_do(solved, tmp_path):
     with pytest.raises(InputError, match=r"n=9.*expected n in 2, 3"):
         solved_rows(solved, 9)
     with pytest.raises(InputError, match="no solved instance of n=3 in its test split"):
-        (solved / "x").mkdir()
+        (tmp_path / "x").mkdir()
         sample(
-            solved / "x",
+            tmp_path / "x",
             {3: Sample(count=2, shares=(1.0, 0.0, 0.0))},
             Problem(),
             workers=Workers(jobs=1),
         )
-        solve(solved / "x", Settings(), workers=ONE)
-        solved_examples(solved / "x", 3, "test")
+        solve(tmp_path / "x", Settings(), workers=ONE)
+        solved_examples(tmp_path / "x", 3, "test")
     with pytest.raises(InputError, match=r"no scenarios of n=5; expected n = 3\.$"):
-        solved_rows(solved / "x", 5)
+        solved_rows(tmp_path / "x", 5)
     (solved / "n=3/part-00001.parquet").unlink()
     with pytest.raises(InputError, match=r"part-00001\.parquet in .* cannot be read .* --repair"):
         solved_rows(solved, 3)
