@@ -214,7 +214,7 @@ def verify(
         if mend:
             faults = repair(folder, yes=yes, workers=checking.with_progress(shown))
         else:
-            faults = list(check(folder, workers=checking.with_progress(shown)))
+            faults = sorted(check(folder, workers=checking.with_progress(shown)))
     left = [fault for fault in faults if not mend or (fault.sound and not yes)]
     where, rows = public_url(folder), shown.count
     many = f"{len(faults)} fault{'s' * (len(faults) != 1)}"

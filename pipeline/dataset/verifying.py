@@ -61,9 +61,9 @@ def is_sound_shard(content: bytes) -> bool:
         return False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Fault:
-    """A fault of a dataset."""
+    """A fault of a dataset; in order of files, since workers find them in any order."""
 
     path: str  # the file, inside the folder
     what: str  # what is wrong with it
@@ -124,7 +124,7 @@ def repair(
     with sole_writer(folder, OWNED):
         manifest, _ = manifest_or_copy(folder)
         refuse_versions(folder, manifest)
-        faults = list(verify(folder, workers=workers))
+        faults = sorted(verify(folder, workers=workers))
         spared = {fault.path for fault in faults if fault.sound and not yes}
         spared |= {TIMINGS + path.removeprefix(SCENARIOS) for path in spared}
         present = {path for path in spared if folder.exists(path)}

@@ -15,6 +15,8 @@ from processes import workers_of
 from typer.testing import CliRunner
 
 from cli.main import app
+from pipeline.dataset import verifying
+from pipeline.dataset.verifying import verify
 from pipeline.parallel.workers import Workers
 
 DASK = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:1"]
@@ -70,6 +72,19 @@ def test_verify_names_file_and_fault_and_repairs_when_asked(sampled):
     status, said, _ = run("verify", sampled, "--jobs", 1, "--repair")
     assert (status, said) == (0, f"{sampled} is mended: 1 fault.\n")
     assert content(sampled) == before
+
+
+@pytest.mark.parametrize("repair", [[], ["--repair"]])
+def test_faults_are_told_in_the_order_of_files_whichever_workers_find_first(
+    repair, tmp_path, monkeypatch
+):
+    run("sample", "--n", 2, "--count", 3, "--rows-per-shard", 1, "--out", tmp_path, "--jobs", 1)
+    for path in tmp_path.glob("_scenarios/*/*"):
+        path.unlink()
+    monkeypatch.setattr(verifying, "verify", lambda *a, **how: reversed([*verify(*a, **how)]))
+    _, _, complaints = run("verify", tmp_path, "--jobs", 1, *repair)
+    told = [line for line in complaints.splitlines() if line.endswith(": is missing")]
+    assert told == [f"_scenarios/n=2/part-0000{k}.parquet: is missing" for k in range(3)]
 
 
 @pytest.mark.parametrize(
