@@ -32,7 +32,7 @@ def add_model_results(
     """
     with opened(create=False) as store:
         try:
-            run = models.run_of_version(store, version.run_id)
+            run = models.active_run(store, version.run_id)
             if run is None:
                 raise FileNotFoundError("it is gone")
             used = entities.dataset_input(*dataset, entities.EVALUATION_DATA)

@@ -209,11 +209,11 @@ def note_contest(version: ModelVersion, outcome: str) -> ModelVersion:
 def read_version(store: Store, name: str, number: str) -> ModelVersion:
     """Read a version of a registered model; InputError where its training run is malformed."""
     found = store.client.get_model_version(name, number)
-    return _described(found, run_of_version(store, found.run_id))
+    return _described(found, active_run(store, found.run_id))
 
 
-def run_of_version(store: Store, run_id: str | None) -> Any:
-    """MLflow's run that a model was trained in, or None where it was deleted."""
+def active_run(store: Store, run_id: str | None) -> Any:
+    """MLflow's run of an id, or None where it was deleted or never there."""
     try:
         run = store.client.get_run(run_id) if run_id else None
         return run if run and run.info.lifecycle_stage == "active" else None
@@ -238,7 +238,7 @@ def _versions(store: Store) -> list[ModelVersion]:
         found.aliases = [alias for alias, number in items if str(number) == str(found.version)]
         try:
             # An experiment may have been renamed, and a run deleted.
-            run = runs.get(found.run_id) or run_of_version(store, found.run_id)
+            run = runs.get(found.run_id) or active_run(store, found.run_id)
             versions.append(_described(found, run))
         except InputError as error:
             known = (store.uri, str(error))  # a command reads the versions several times

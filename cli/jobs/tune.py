@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mlflow.exceptions import MlflowException
-
 from cli.jobs.training import FinishedTraining, Sources, TrainingTask, train_trial
 from cli.settings import TuningSettings
 from pipeline.errors import InputError, ProlearnError, check_range
@@ -23,6 +21,7 @@ from pipeline.training.loop import POSITION_RMSE
 from pipeline.training.search import completed_trials, drawn_trials, open_study
 from registry.entities import curve_metrics, metrics_of, params_of
 from registry.environment import TRAINED_BY, environment_tags, with_architectures
+from registry.models import active_run
 from registry.store import TUNING, Store, opened, recorded_run, store_errors
 from registry.training import DatasetInfo, record_of
 
@@ -129,12 +128,9 @@ def tune(settings: TuningSettings, *, workers: Workers | None = None) -> Tuned:
 
 
 def _parent_of(study: "Study", store: Store) -> str | None:
-    """Id of the run that has a study's trials under it, where the store still knows it."""
-    known = study.user_attrs.get(PARENT)
-    try:
-        return known and store.client.get_run(known).info.run_id
-    except MlflowException:  # another tracking store, or the run was deleted
-        return None
+    """Id of the run that has a study's trials under it, where it is still in the store."""
+    run = active_run(store, study.user_attrs.get(PARENT))
+    return run and run.info.run_id
 
 
 def _search(

@@ -78,6 +78,16 @@ def test_an_interrupted_search_goes_on_to_the_same_number_of_nested_runs(
     assert runs("prolearn-training") == [] and list_versions() == [], "a search registers nothing"
 
 
+def test_a_search_whose_run_was_deleted_goes_on_under_a_new_one(folder: Path, solved: Path) -> None:
+    first = search(solved, 1)
+    connect().client.delete_run(first.run_id)
+    second = search(solved, 2)
+    assert (second.trials, second.study) == (2, first.study)
+    found = {run.info.run_name: run for run in runs("prolearn-tuning")}
+    assert found[first.study].info.run_id == second.run_id != first.run_id
+    assert found["trial-1"].data.tags["mlflow.parentRunId"] == second.run_id
+
+
 def test_the_command_that_a_search_names_trains_what_its_best_trial_did(
     folder: Path, solved: Path
 ) -> None:
