@@ -269,7 +269,9 @@ def transfer_times(
     run = partial(run_transfer_times, planners, scenarios, varied, workers=workers)
     params = {
         "nodes": listed(one.nodes for what, one in varied if what == NODES),
-        "time_steps": listed(f"{one.time_step:.9g}" for what, one in varied if what == TIME_STEP),
+        "time_steps": listed(
+            str(one.time_step).removesuffix(".0") for what, one in varied if what == TIME_STEP
+        ),
         "networks": listed(one.evaluated.label for one in inputs.networks),
     }
     return inputs.run(TRANSFER_TIMES, params, run, resume=resume, progress=workers.progress)

@@ -14,6 +14,7 @@ from judge import Case, Report, exact_step, fly, judge_plan, least_fuel
 from judged import check_rows
 from scipy.linalg import null_space
 
+from cli.jobs import experiments
 from cli.jobs.experiments import transfer_times
 from cli.settings import TransferTimes
 from pipeline.errors import InputError
@@ -78,6 +79,18 @@ def test_lstms_take_part_at_every_time_and_feed_forward_networks_where_they_fit(
         (6, 120.0),
     }
     check_bounds(table, solved, 2)
+
+
+def test_time_steps_that_hardly_differ_are_not_taken_for_the_same(
+    registered: None, solved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = pd.DataFrame({"n": [CRAFT]})
+    monkeypatch.setattr(experiments, "run_transfer_times", lambda *_, **__: table)
+    asked = TransferTimes(data=str(solved), n=CRAFT, nodes="6", time_steps="60.1", trials=1)
+    transfer_times(asked, workers=ALONE)
+    assert transfer_times(asked, workers=ALONE, resume=True).earlier
+    other = replace(asked, time_steps="60.100000001")
+    assert not transfer_times(other, workers=ALONE, resume=True).earlier
 
 
 def test_at_the_problem_of_the_training_networks_do_as_the_trained_ones_do(
