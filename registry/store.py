@@ -59,6 +59,8 @@ PROCESS_DEFAULTS = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "MLFLOW_UV_AUTO_DETECT": "false",
 }
+# Where MLflow would write instead of our runs and models: set in its projects, and for traces
+ELSEWHERE = "MLFLOW_RUN_ID", "MLFLOW_ACTIVE_MODEL_ID"
 # Log levels of MLflow's loggers, by name
 LOG_LEVELS = {
     **dict.fromkeys(("mlflow", "alembic"), logging.WARNING),
@@ -182,6 +184,8 @@ def _close(client: Any, name: str) -> None:
 def _prepare_process() -> None:
     for name, value in PROCESS_DEFAULTS.items():
         os.environ.setdefault(name, value)
+    for name in ELSEWHERE:
+        os.environ.pop(name, None)
     set_telemetry_client()  # reads its switch anew
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         for name, level in LOG_LEVELS.items():

@@ -14,6 +14,7 @@ from urllib.parse import quote
 import mlflow
 import pytest
 from forked import Forked
+from mlflow.tracking import fluent
 from processes import SOON
 from rights import read_only, room_until_told
 from sqlalchemy import create_engine
@@ -21,6 +22,7 @@ from sqlalchemy import create_engine
 from pipeline.errors import InputError, ProlearnError
 from pipeline.training.loop import Trained
 from pipeline.training.search import open_study
+from registry.entities import metrics_of
 from registry.models import list_versions, load
 from registry.store import EXPERIMENTS, TRAINING, connect, opened, recorded_run, store_errors
 from registry.training import DatasetInfo, record_training
@@ -45,6 +47,23 @@ def test_the_environment_variable_decides_and_stays_as_it_is(
 
     assert connect().uri == f"sqlite:///{folder / 'elsewhere' / 'runs.db'}"
     assert os.environ["MLFLOW_TRACKING_URI"] == "sqlite:///elsewhere/runs.db"
+
+
+def test_a_run_and_a_model_in_the_environment_as_in_mlflow_s_projects_are_left_alone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = connect().client
+    theirs = client.create_run(client.create_experiment("theirs"))
+    model = client.create_logged_model(theirs.info.experiment_id).model_id
+    monkeypatch.setenv("MLFLOW_RUN_ID", theirs.info.run_id)
+    monkeypatch.setenv("MLFLOW_ACTIVE_MODEL_ID", model)
+    fluent._ACTIVE_MODEL_CONTEXT.reset()  # as in a new process
+    store = connect()
+    with recorded_run(store, TRAINING, "ours", {}) as run_id:
+        store.client.log_batch(run_id, metrics=metrics_of({"loss": 1.0}))
+    assert client.get_run(run_id).info.experiment_id == store.experiments[TRAINING]
+    assert client.get_run(theirs.info.run_id).data.tags == theirs.data.tags
+    assert not client.get_logged_model(model).metrics
 
 
 def test_a_new_store_or_study_goes_into_no_datasets_folder(
