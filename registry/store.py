@@ -59,7 +59,7 @@ PROCESS_DEFAULTS = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "MLFLOW_UV_AUTO_DETECT": "false",
 }
-# Where MLflow would write instead of our runs and models: set in its projects, and for traces
+# Where MLflow would write instead of our run and model: set in its projects, and for traces
 ELSEWHERE = "MLFLOW_RUN_ID", "MLFLOW_ACTIVE_MODEL_ID"
 # Log levels of MLflow's loggers, by name
 LOG_LEVELS = {
@@ -119,9 +119,20 @@ def connect(*more: str, create: bool = True) -> Store:
 @contextmanager
 def opened(*more: str, create: bool = True) -> Iterator[Store]:
     """The tracking store, whose failures in the block become a ProlearnError."""
-    store = connect(*more, create=create)
-    with store_errors(store.uri):
-        yield store
+    with _unset(ELSEWHERE):
+        store = connect(*more, create=create)
+        with store_errors(store.uri):
+            yield store
+
+
+@contextmanager
+def _unset(names: Sequence[str]) -> Iterator[None]:
+    """Leave variables out of the environment inside the block."""
+    given = {name: os.environ.pop(name) for name in names if name in os.environ}
+    try:
+        yield
+    finally:
+        os.environ.update(given)
 
 
 @contextmanager
@@ -184,8 +195,6 @@ def _close(client: Any, name: str) -> None:
 def _prepare_process() -> None:
     for name, value in PROCESS_DEFAULTS.items():
         os.environ.setdefault(name, value)
-    for name in ELSEWHERE:
-        os.environ.pop(name, None)
     set_telemetry_client()  # reads its switch anew
     if "MLFLOW_LOGGING_LEVEL" not in os.environ:
         for name, level in LOG_LEVELS.items():

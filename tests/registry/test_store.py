@@ -58,12 +58,12 @@ def test_a_run_and_a_model_in_the_environment_as_in_mlflow_s_projects_are_left_a
     monkeypatch.setenv("MLFLOW_RUN_ID", theirs.info.run_id)
     monkeypatch.setenv("MLFLOW_ACTIVE_MODEL_ID", model)
     fluent._ACTIVE_MODEL_CONTEXT.reset()  # as in a new process
-    store = connect()
-    with recorded_run(store, TRAINING, "ours", {}) as run_id:
+    with opened() as store, recorded_run(store, TRAINING, "ours", {}) as run_id:
         store.client.log_batch(run_id, metrics=metrics_of({"loss": 1.0}))
     assert client.get_run(run_id).info.experiment_id == store.experiments[TRAINING]
     assert client.get_run(theirs.info.run_id).data.tags == theirs.data.tags
     assert not client.get_logged_model(model).metrics
+    assert os.environ["MLFLOW_RUN_ID"] == theirs.info.run_id  # for what a program does later
 
 
 def test_a_new_store_or_study_goes_into_no_datasets_folder(
