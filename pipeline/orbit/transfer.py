@@ -208,10 +208,10 @@ def project_to_flyable(
 
     Nearest in the sum of squares over all nodes, with velocities divided by e.
     """
-    # Such trajectories are an affine set, so this is one product.
+    # Such trajectories are an affine set, so this is one product for each craft.
     controls = minimum_energy(initial, goal, problem)
     rest = states - fly(initial, controls, problem)
-    flat = rest.reshape(*rest.shape[:-2], 6 * problem.nodes) @ _projection(problem).T
+    flat = np.matvec(_projection(problem), rest.reshape(*rest.shape[:-2], 6 * problem.nodes))
     return meet_goal(initial, controls + flat.reshape(controls.shape), goal, problem)
 
 
