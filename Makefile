@@ -49,11 +49,6 @@ $(BIN)/sphinx-build: $(BIN)/prolearn requirements/docs.txt
 	$(call INSTALL,requirements/docs.txt)
 	@touch $@
 
-# What the tests import is compiled once: both of their workers would compile all of it at once.
-$(VENV)/compiled: $(BIN)/pytest $(BIN)/sphinx-build
-	$(BIN)/python -m pytest --collect-only --quiet > /dev/null || true  # the tests say why
-	@touch $@
-
 # Keeps the lines of targets at work at once apart; GNU make 3.81, which macOS has, cannot.
 SYNC = $(if $(filter output-sync,$(.FEATURES)),--output-sync)
 DEMO = OMP_NUM_THREADS=1 $(BIN)/prolearn
@@ -130,7 +125,7 @@ ui: $(BIN)/prolearn ## the MLflow UI on the project's store
 	esac
 
 MARKS ?= system or not system
-test: $(VENV)/compiled ## the tests; MARKS="not system" without those that need a browser, servers or kills
+test: $(BIN)/pytest $(BIN)/sphinx-build ## the tests; MARKS="not system" without those that need a browser, servers or kills
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m "$(MARKS)" $(COVER)
 
 coverage: $(BIN)/pytest ## the tests, and the lines of each file that none of them runs
