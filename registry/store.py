@@ -127,7 +127,7 @@ def opened(*more: str, create: bool = True) -> Iterator[Store]:
 
 @contextmanager
 def _unset(names: Sequence[str]) -> Iterator[None]:
-    """Leave variables out of the environment inside the block."""
+    """Remove environment variables inside the block, and restore them after it."""
     given = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
         yield

@@ -137,7 +137,7 @@ def size_findings(trials: pd.DataFrame, training: pd.DataFrame, n: int) -> Itera
 
 
 def trained_alike(summary: pd.DataFrame, training: pd.DataFrame) -> pd.DataFrame:
-    """Rows of recipes whose networks were all trained at the same swarm size."""
+    """Select the rows of recipes whose networks were all trained at one swarm size."""
     known = training[training["arch"].isin(labels.FEED_FORWARD | labels.RECURRENT)]
     sizes = known.groupby("recipe")["n"].nunique()
     return summary[~summary["recipe"].isin(sizes.index[sizes > 1])]

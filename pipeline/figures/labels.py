@@ -75,12 +75,12 @@ def _percent(share: float) -> str:
 
 
 def percents(low: float, high: float) -> str:
-    """Text of the interval of a share, in percent."""
+    """Text of the confidence interval of a proportion, in percent."""
     return f"[{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def ratios(low: float, high: float) -> str:
-    """Text of the interval of a ratio."""
+    """Text of the confidence interval of a ratio."""
     return f"[{ratio(low)}, {ratio(high)}]"
 
 

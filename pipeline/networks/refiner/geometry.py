@@ -226,7 +226,7 @@ def gains(
 
 
 def positions(ends: Float[Any, "L 2 6"], share: Float[Any, "L"]) -> Float[Any, "L 3"]:
-    """Relative positions at a share of an interval."""
+    """Relative positions, m, at a fraction of each interval, by cubic Hermite interpolation."""
     return _weighted(_hermite(like(share, ends)), ends)
 
 

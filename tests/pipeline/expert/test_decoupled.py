@@ -174,7 +174,7 @@ def test_rounding_of_what_no_control_changes_costs_no_fuel():
 
 
 def test_rounding_of_a_drift_is_no_proof_of_fuel_where_controls_have_no_effect():
-    """Over half an orbit no control changes vz, so any multiplier of it is dual feasible."""
+    """With steps of half an orbit controls do not change vz, whose dual variable is then free."""
     problem = Problem(nodes=5, thrust=Thrust("norm"))
     problem = replace(problem, time_step=np.pi / problem.mean_motion)
     initial = np.array([[100.0, 200.0, 50.0, 0.1, -0.2, 0.1]])

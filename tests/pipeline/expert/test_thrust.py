@@ -204,7 +204,7 @@ def test_impulse_bits_of_one_craft_cost_what_a_mixed_integer_program_says(model,
 
 @pytest.mark.parametrize("longer", [1e-10, 1e-9])
 def test_burns_half_orbits_apart_need_not_cancel_what_rounding_leaves_of_their_effect(longer):
-    """Over half an orbit a push along z hardly changes vz, and so changes it by rounding alone."""
+    """With steps of half an orbit, thrust along z changes vz by no more than rounding."""
     step = np.pi / ONE.problem.mean_motion * (1 + longer)
     problem = Problem(time_step=step, nodes=6)
     controls = np.zeros((1, 5, 3))
@@ -250,7 +250,7 @@ def test_impulse_bits_beside_a_limit_on_the_norm_cost_little_more_than_the_least
 
 
 def test_the_bound_of_a_swarm_with_an_impulse_bit_is_what_its_craft_need_by_such_burns():
-    """Compared with a mixed-integer program for each craft, with an inactive thrust limit."""
+    """The reference is a mixed-integer program for each craft; the thrust limit is inactive."""
     few = draw("rings", 0, 2, 4, FEW.problem)
     scenario = with_thrust(few, Thrust(min_delta_v=0.05))
     plan = solve(scenario)

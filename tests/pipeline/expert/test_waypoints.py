@@ -114,7 +114,7 @@ def test_a_time_left_open_is_the_one_that_costs_these_thrusters_least(thrust, pa
 
 @pytest.mark.parametrize("thrust", [PROBLEM.thrust, NORM], ids=["components", "norm"])
 def test_a_craft_that_drifts_by_waypoints_to_its_goal_burns_nothing(thrust):
-    """At other times they are out of reach; this one is within rounding of the judge's drift."""
+    """Waypoints at open times, reached at one node by drift, up to rounding, and at no other."""
     problem = replace(PROBLEM, thrust=thrust, max_acceleration=5e-3)
     free, _ = exact_step(problem.mean_motion, problem.time_step)
     drift = [np.linalg.matrix_power(free, node) @ SWARM.initial[0] for node in range(problem.nodes)]

@@ -202,7 +202,7 @@ def test_its_burns_held_in_inertial_axes_lead_nearly_to_the_goal(made, messages)
 
 
 def test_a_burn_of_many_revolutions_adds_what_it_does_in_closed_form(tmp_path):
-    """Of thrust in the orbital plane sin(angle/2)/(angle/2) is left as axes turn by the angle."""
+    """Inertial Δv of constant in-plane thrust: sin(θ/2)/(θ/2) remains as the axes turn by θ."""
     problem = Problem(time_step=1e5, nodes=3)
     plan = solve(replace(draw("rings", 0, 1, 3, problem), reference=WHERE))
     (path,) = write_orbit_parameters(plan, tmp_path, "p", Masses.of(1, 12.0, IMPULSE))

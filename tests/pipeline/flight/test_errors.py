@@ -84,7 +84,7 @@ def test_burns_are_missed_as_often_as_told_and_then_whole():
 
 
 def test_a_slow_burn_that_moves_a_craft_is_one_and_what_rounding_leaves_of_a_coast_is_none():
-    """Of a transfer on a geostationary orbit in two days: 10 µm/s in 20,000 s, a move by 0.1 m."""
+    """On a geostationary orbit a burn of 10 µm/s within 20,000 s moves a craft by 0.1 m."""
     errors, problem = replace(COLD_GAS, missed=1.0), Problem(7.3e-5, 2e4)
     controls = np.array([[[5e-10, 0.0, 0.0]], [[0.0, 1e-15, 0.0]]])
     drawn = draws(0, range(1), 2, 1)

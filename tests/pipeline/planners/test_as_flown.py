@@ -218,7 +218,7 @@ def test_the_miss_that_corrections_leave_puts_no_fuel_below_its_bound():
 
 
 def test_a_craft_that_coasts_to_its_goal_is_not_said_to_need_fuel():
-    """So near to the reference that its flight leads within a nanometre of its linear drift."""
+    """Near the reference its nonlinear flight is within a nanometre of its linear drift."""
     problem = Problem(nodes=3, collision_radius=1e-3).about(about(0.5))
     initial = np.array([[0.1, 0.2, 0.1, 0.0, 0.0, 0.0]])
     goal = fly(initial, np.zeros((1, 2, 3)), problem)[:, -1]
