@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from multiprocessing import resource_tracker
+from multiprocessing import connection, resource_tracker
 from multiprocessing.util import Finalize
 from pathlib import Path
 from types import FrameType
@@ -15,14 +15,14 @@ from typing import Any
 
 import joblib
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
-from joblib.externals.loky.process_executor import TerminatedWorkerError
+from joblib.externals.loky.process_executor import BrokenProcessPool, TerminatedWorkerError
 
 from pipeline.parallel import collect_garbage_seldom
 
 SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
 KEPT, SAME = "what was done is kept", "the same command again (with --resume if it has that)"
 SAFE_PATH = "PYTHONSAFEPATH"  # Python's variable that leaves the current folder out of its path
-PARENT_SECONDS = 0.5  # how often a worker checks whether its parent is still there
+WATCH_SECONDS = 0.5  # how often workers check that their parent is there, and it that they are
 FEEDER_SECONDS = 1.0  # longest that the end of this process waits for a closed queue's thread
 
 
@@ -48,22 +48,59 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
         initializer=_begin_worker,
         initargs=(os.getpid(),),
     )
+    broken = threading.Event()
     try:
         with ExitStack() as stack:  # an interrupt that waited finds the results to close
             stack.enter_context(_no_imports_from_here())
             with _starting_processes():
                 delayed = (joblib.delayed(call)() for call in calls)
-                results = stack.enter_context(closing(parallel(delayed)))
+                started = parallel(delayed)
+                stack.enter_context(_broken_by_lost_results(parallel._backend._workers, broken))
+                results = stack.enter_context(closing(started))
                 stack.push(_silence_cancelled)
             for result in results:  # noqa: UP028, `yield from` would close them before the above
                 yield result
-    except TerminatedWorkerError as error:
+    except BrokenProcessPool as error:
+        if not (isinstance(error, TerminatedWorkerError) or broken.is_set()):
+            raise
         raise WorkersLostError(
             "a worker process was killed, perhaps for want of memory; what it had in hand is done "
             "again.",
             f"worker processes are killed again and again, perhaps for want of memory; {KEPT}: run "
             f"{SAME}, with fewer --jobs.",
         ) from error
+
+
+@contextmanager
+def _broken_by_lost_results(pool: Any, broken: threading.Event) -> Iterator[None]:
+    """In the block, a worker killed amid sending a result breaks loky's pool and sets the event.
+
+    Loky itself would wait for the rest forever: the pipe of results stays open, as this process
+    and the other workers could write to it, and those wait for the lock that the killed one held.
+    """
+    done, processes, results = threading.Event(), pool._processes, pool._result_queue
+
+    def watch() -> None:
+        dead_before: set[int] = set()
+        while not done.wait(WATCH_SECONDS):
+            workers = {worker.sentinel: worker.pid for worker in list(processes.values())}
+            dead = {workers[ended] for ended in connection.wait(workers, timeout=0)}
+            if dead & dead_before:  # loky takes out the dead within milliseconds otherwise
+                broken.set()
+                for pid in {*workers.values()} - dead:
+                    with suppress(ProcessLookupError):
+                        os.kill(pid, signal.SIGKILL)
+                results._writer.close()  # now the pipe has an end
+                return
+            dead_before = dead
+
+    watching = threading.Thread(target=watch, daemon=True)
+    watching.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watching.join()
 
 
 def _silence_cancelled(kind: type[BaseException] | None, *_: object) -> None:
@@ -118,7 +155,7 @@ def _begin_worker(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(PARENT_SECONDS)
+            time.sleep(WATCH_SECONDS)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
