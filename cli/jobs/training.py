@@ -19,7 +19,7 @@ from pipeline.planners.network import NetworkPlanner
 from pipeline.progress import SILENT, Progress
 from pipeline.provenance import DecidedBy
 from pipeline.scenario.families import SEEDS
-from pipeline.storage.folder import Where
+from pipeline.storage.folder import Where, open_folder
 from pipeline.text import public_url
 from pipeline.training.data import sources
 from pipeline.training.loop import Trained, position_rmse, train
@@ -45,6 +45,7 @@ class TrainingTask:
     recipe: Recipe
     seed: int
     settings: TrainingSettings | TuningSettings
+    data: str  # absolute path or URL of the dataset
     digest: str  # of the data
     number: int = 0  # of a trial in its study
 
@@ -55,13 +56,14 @@ class TrainingTask:
         """The training on the data as they are now; InputError where there are none."""
         check_range("memory in GB", settings.memory, *MEMORY)
         recipe = recipe_of(arch, seed, settings)
-        return cls(arch, recipe, seed, settings, read_manifest(settings.data).digest(settings.n))
+        digest = read_manifest(settings.data).digest(settings.n)
+        return cls(arch, recipe, seed, settings, open_folder(settings.data).address, digest)
 
     def examples(self, progress: Progress = SILENT) -> Sources:
         """What it learns from, and what decides which weights are kept."""
         how, memory = self.settings, self.settings.memory * 1e9
         return sources(
-            self.recipe, how.data, how.n, seed=self.seed, memory=memory, progress=progress
+            self.recipe, self.data, how.n, seed=self.seed, memory=memory, progress=progress
         )
 
 
@@ -100,10 +102,13 @@ def train_trial(
 def _check(made_by: DecidedBy, expected: Mapping[str, str], task: TrainingTask) -> None:
     """Raise ProlearnError in a worker whose versions or data are not those of the request."""
     check_worker(expected, made_by)
-    data = task.settings.data
-    if read_manifest(data).digest(task.settings.n) != task.digest:
+    try:
+        same, found = read_manifest(task.data).digest(task.settings.n) == task.digest, "other data"
+    except InputError:
+        same, found = False, "no such data"
+    if not same:
         raise ProlearnError(
-            f"{public_url(data)} holds other data on a worker; expected the same on all "
+            f"{public_url(task.data)} holds {found} on a worker; expected the same on all "
             "machines: give a folder or a URL that all of them reach."
         )
 
@@ -120,7 +125,7 @@ def train_task(
         progress=progress,
     )
     error = position_rmse(trained.model, valid)
-    trials = validation_trials(trained.model, how.data, how.n) if flown else pd.DataFrame()
+    trials = validation_trials(trained.model, task.data, how.n) if flown else pd.DataFrame()
     return FinishedTraining(trained, (len(learn), len(valid)), error, trials)
 
 

@@ -45,6 +45,11 @@ class Folder:
     def __str__(self) -> str:
         return str(self.local or public_url(self.url))
 
+    @property
+    def address(self) -> str:
+        """By which processes in other current folders open it: an absolute path, or the URL."""
+        return str(self.local.absolute()) if self.local else self.url
+
     def reason(self, error: Exception) -> str:
         """What is wrong, without the secrets of the folder's URL."""
         return _reason(error, self.url)

@@ -48,7 +48,7 @@ def shared(folder: Folder) -> Iterator[Shared]:
     mark = f".{storage.WRITER}.{uuid4().hex}.tmp"
     folder.publish(mark, b"")
     try:
-        yield Shared(str(folder.local.absolute()) if folder.local else folder.url, mark)
+        yield Shared(folder.address, mark)
     except InputError as error:
         if folder.exists(mark):
             raise

@@ -1,5 +1,6 @@
 """Several trainings and trials at once, on processes of this machine and on a Dask cluster."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,11 +57,14 @@ def trials(
 
 
 def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
-    how: TrainingSettings, cluster: Cluster, folder: Path
+    how: TrainingSettings, cluster: Cluster, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alone = [weights(train_model(*one, how)[0]) for one in ASKED]
-    asked = [TrainingTask.of(*one, how) for one in ASKED]
-    cluster.start_workers()
+    # The data are given by a path from the current folder, which is not that of the cluster.
+    asked = [TrainingTask.of(*one, replace(how, data=os.path.relpath(how.data))) for one in ASKED]
+    with monkeypatch.context() as elsewhere:
+        elsewhere.chdir("/")
+        cluster.start_workers()
     for workers in (Workers(jobs=2), Workers(scheduler=cluster.address)):
         found = train_models(asked, workers)
         assert [weights(version) for version, _ in found] == alone
@@ -78,11 +82,14 @@ def test_trainings_and_trials_at_once_are_those_of_one_after_the_other(
     assert progress.complete == 5
 
 
-def test_a_worker_that_reads_other_data_is_refused(
-    how: TrainingSettings,
+@pytest.mark.parametrize(
+    ("change", "found"), [({"digest": "0" * 64}, "other"), ({"data": "/nowhere"}, "no such")]
+)
+def test_a_worker_that_reads_other_data_or_none_is_refused(
+    how: TrainingSettings, change: dict[str, str], found: str
 ) -> None:
-    asked = [replace(TrainingTask.of("ff1", k, how), digest="0" * 64) for k in (0, 1)]
-    with pytest.raises(ProlearnError, match="other data on a worker"):
+    asked = [replace(TrainingTask.of("ff1", k, how), **change) for k in (0, 1)]
+    with pytest.raises(ProlearnError, match=f"{found} data on a worker"):
         train_models(asked, Workers(jobs=1))
 
 
