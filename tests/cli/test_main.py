@@ -53,7 +53,7 @@ def test_bash_completes_commands_subcommands_and_choices_once_it_is_installed(fo
     program = tmp_path / "bin/prolearn"
     program.parent.mkdir()
     program.write_text(
-        f"#!/bin/sh\nexec {sys.executable} -c "
+        f"#!/bin/sh\nexec {shlex.quote(sys.executable)} -c "
         '"from cli.main import app; app(prog_name=\'prolearn\')" "$@"\n'
     )
     program.chmod(0o755)
