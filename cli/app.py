@@ -5,6 +5,7 @@ import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from errno import ENOSPC, EPIPE
@@ -28,6 +29,7 @@ class Terminated(KeyboardInterrupt):
 
 
 RETRY_SECONDS = 0.05  # delay after which an interrupt that a callback has swallowed is raised again
+EXIT_SECONDS = 5.0  # longest that Python waits for threads at the end of an interrupted command
 # Key in a command's context of the typed words and values of options
 TYPED = "prolearn.typed"
 # Typer's error for arguments that a command does not have; its message quotes them
@@ -74,6 +76,7 @@ class CommandGroup(TyperGroup):
         except KeyboardInterrupt as stop:
             ended = isinstance(stop, Terminated)
             word, status = ("terminated", TERMINATED) if ended else ("interrupted", INTERRUPTED)
+            _end_in_time(status)
             # Commands that do not say what is kept continue from there when they are run again.
             _stop(ctx, f"{word}; {str(stop) or 'what was finished is kept.'}", status)
 
@@ -110,6 +113,21 @@ def _sigterm_raises() -> Iterator[None]:
     finally:
         sys.unraisablehook = usual
         signal.signal(signal.SIGTERM, before)
+
+
+def _end_in_time(status: int) -> None:
+    """End the process with a status EXIT_SECONDS after the main thread, if Python does not before.
+
+    It waits for threads that are not daemons. One of a library's pool never ends where the
+    interrupt came after its start and before the pool had noted it.
+    """
+
+    def end() -> None:
+        threading.main_thread().join()
+        time.sleep(EXIT_SECONDS)
+        os._exit(status)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 def _message_of(error: Exception) -> str:

@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,8 @@ from filelock import FileLock
 PREFIX = f"prolearn-scratch-{os.uname().nodename}-"
 SUFFIX = ".lock"
 TOKEN = len(uuid4().hex)  # characters between a prefix and the suffix
+# Attempts to remove a folder, and s between them
+MOST_REMOVALS, REMOVAL_SECONDS = 10, 0.1
 NO_LOCK = (OSError, NotImplementedError)  # where a folder or file system allows none
 
 
@@ -71,7 +74,16 @@ def scratch_folder() -> Iterator[Path]:
         try:
             yield folder
         finally:
-            shutil.rmtree(folder)
+            _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder into which a library's thread, left by an interrupt, may still write."""
+    for _ in range(MOST_REMOVALS):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(REMOVAL_SECONDS)
 
 
 def clear_scratch() -> None:

@@ -129,6 +129,37 @@ def test_a_signal_that_comes_in_a_finalizer_ends_the_run_all_the_same():
     assert (done.returncode, done.stdout, done.stderr) == (0, "ended\n", "")
 
 
+STUCK = """
+import signal, threading
+from concurrent.futures import ThreadPoolExecutor
+import typer
+from cli import app
+
+app.EXIT_SECONDS = 0.2
+commands, pool = typer.Typer(cls=app.CommandGroup), ThreadPoolExecutor(thread_name_prefix="pool")
+commands.callback()(lambda: None)
+start = threading.Thread.start
+
+def start_amid_a_signal(thread):
+    start(thread)
+    if thread.name.startswith("pool"):
+        signal.raise_signal(signal.SIGTERM)
+
+@commands.command()
+def work():
+    threading.Thread.start = start_amid_a_signal
+    pool.submit(print, "done")
+
+commands(["work"])
+"""
+
+
+def test_a_thread_that_a_signal_kept_from_being_noted_by_its_pool_does_not_keep_the_process():
+    done = subprocess.run([sys.executable, "-c", STUCK], capture_output=True, text=True, timeout=40)
+    assert done.returncode == TERMINATED
+    assert done.stderr == "prolearn: terminated; what was finished is kept.\n"
+
+
 def test_where_the_home_takes_no_files_matplotlib_draws_without_a_word(tmp_path):
     """As in a container; its caches stay in a temporary folder of this user."""
     (tmp_path / "home").touch()

@@ -7,6 +7,8 @@ audit hooks see them.
 import json
 import os
 import tempfile
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,22 @@ def test_a_folder_is_gone_where_its_block_fails(place: Path):
     with pytest.raises(ZeroDivisionError), scratch_folder():
         1 / 0  # noqa: B018
     assert list(place.iterdir()) == []
+
+
+def test_a_thread_that_still_writes_there_keeps_neither_the_folder_nor_the_interrupt(place: Path):
+    def write(folder: Path) -> None:
+        with suppress(FileNotFoundError):
+            for k in range(1000):
+                (folder / f"{k}").touch()
+
+    with pytest.raises(KeyboardInterrupt), scratch_folder() as folder:
+        writing = threading.Thread(target=write, args=[folder])
+        writing.start()
+        while not (folder / "100").exists():
+            pass
+        raise KeyboardInterrupt
+    writing.join()
+    assert not list(place.iterdir())
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs to be root")
