@@ -61,13 +61,15 @@ PROCESS_DEFAULTS = {
 }
 # Where MLflow would write instead of our run and model: set in its projects, and for traces
 ELSEWHERE = "MLFLOW_RUN_ID", "MLFLOW_ACTIVE_MODEL_ID"
-# Log levels of MLflow's loggers, by name
+# Log levels of loggers of MLflow and its libraries, by name
 LOG_LEVELS = {
     **dict.fromkeys(("mlflow", "alembic"), logging.WARNING),
     # It warns where there is no pip, as in environments of uv, which does not affect a model.
     "mlflow.utils.environment": logging.ERROR,
     # What it logs with a traceback it raises too, and the person gets it as a sentence.
     "mlflow.store.db.utils": logging.CRITICAL,
+    # It logs one where an interrupt has closed the database amid a query.
+    "sqlalchemy.pool": logging.CRITICAL,
 }
 LOCK_SECONDS = 120.0  # that another process may take to set up a fresh store; a few are usual
 WRITER = "writer."  # prefix of the tag that has the token of a process that writes a run

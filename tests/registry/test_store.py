@@ -377,6 +377,18 @@ def test_a_full_disk_is_said_to_be_why_files_of_the_store_are_not_fetched(folder
         mlflow.artifacts.download_artifacts(run_id=run_id, dst_path=str(folder))
 
 
+def test_a_cursor_that_an_interrupt_leaves_in_a_closed_database_is_not_reported(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    connect()
+    with create_engine("sqlite://").connect() as connection:
+        result = connection.exec_driver_sql("select 1 union select 2")
+        assert result.fetchone() == (1,)
+        connection.invalidate()  # as an interrupt does
+        result.close()
+    assert capsys.readouterr().err == ""
+
+
 def test_settings_of_the_user_are_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "6")
     monkeypatch.setenv("MLFLOW_LOGGING_LEVEL", "DEBUG")
