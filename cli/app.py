@@ -116,9 +116,9 @@ def _sigterm_raises() -> Iterator[None]:
 
 
 def _end_in_time(status: int) -> None:
-    """End the process with a status EXIT_SECONDS after the main thread, if Python does not before.
+    """Exit with a status EXIT_SECONDS after the main thread, even if other threads still run.
 
-    It waits for threads that are not daemons. One of a library's pool never ends where the
+    Python waits for threads that are not daemons. One of a library's pool never ends where the
     interrupt came after its start and before the pool had noted it.
     """
 

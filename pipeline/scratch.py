@@ -78,7 +78,7 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder into which a library's thread, left by an interrupt, may still write."""
+    """Remove a folder, with retries: a thread that outlives an interrupt may still write to it."""
     for _ in range(MOST_REMOVALS):
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():

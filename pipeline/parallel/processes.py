@@ -22,7 +22,7 @@ from pipeline.parallel import collect_garbage_seldom
 SEMAPHORES = Path("/dev/shm")  # where Linux keeps named semaphores, as files
 KEPT, SAME = "what was done is kept", "the same command again (with --resume if it has that)"
 SAFE_PATH = "PYTHONSAFEPATH"  # Python's variable that leaves the current folder out of its path
-WATCH_SECONDS = 0.5  # how often workers check that their parent is there, and it that they are
+WATCH_SECONDS = 0.5  # interval at which workers and their parent check that the other is alive
 FEEDER_SECONDS = 1.0  # longest that the end of this process waits for a closed queue's thread
 
 
@@ -73,7 +73,7 @@ def run_in_processes(calls: Iterable[Callable[[], Any]], jobs: int) -> Iterator[
 
 @contextmanager
 def _broken_by_lost_results(pool: Any, broken: threading.Event) -> Iterator[None]:
-    """In the block, a worker killed amid sending a result breaks loky's pool and sets the event.
+    """In the block, break loky's pool if a worker is killed while it sends a result; set the event.
 
     Loky itself would wait for the rest forever: the pipe of results stays open, as this process
     and the other workers could write to it, and those wait for the lock that the killed one held.

@@ -47,7 +47,7 @@ class Folder:
 
     @property
     def address(self) -> str:
-        """By which processes in other current folders open it: an absolute path, or the URL."""
+        """Absolute path or URL, by which processes with another current folder open it."""
         return str(self.local.absolute()) if self.local else self.url
 
     def reason(self, error: Exception) -> str:

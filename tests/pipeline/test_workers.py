@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from joblib.externals.loky import process_executor
+from sentences import Sentences
 
 from pipeline.parallel.workers import Workers
-from pipeline.progress import Progress
 
 
 def process(task, content):
@@ -55,31 +55,21 @@ def test_workers_that_grow_are_replaced_without_a_word(recwarn):
     assert not recwarn.list
 
 
-class Said(Progress):
-    """Keeps what is said."""
-
-    def __init__(self):
-        self.sentences = []
-
-    def say(self, sentence):
-        self.sentences.append(sentence)
-
-
 def sent():
-    """Bytes that this process has written, as Linux counts them at the end of each write."""
+    """Bytes written by this process so far; Linux adds those of a write at its end."""
     counts = Path("/proc/self/io").read_text()
     return int(counts.split("wchar: ")[1].split()[0])
 
 
 def kill_when_sending(before):
-    """End this process once it has sent more than the length of what comes."""
+    """Kill this process as soon as it has sent the length of a result, before the result itself."""
     while sent() == before:
         pass
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def die_while_sending(marker, task, _):
-    """The first time, be killed amid sending a long result."""
+    """Return the task; at the first attempt, be killed while sending a long result instead."""
     if task == 0 and not marker.exists():
         marker.touch()
         threading.Thread(target=kill_when_sending, args=[sent()], daemon=True).start()
@@ -89,11 +79,11 @@ def die_while_sending(marker, task, _):
 
 @pytest.mark.skipif(not Path("/proc/self/io").exists(), reason="counts what was sent as Linux does")
 def test_a_worker_killed_while_it_sends_a_result_costs_a_sentence(tmp_path):
-    progress = Said()
+    progress = Sentences()
     function = functools.partial(die_while_sending, tmp_path / "died")
     done = dict(Workers(2, progress=progress).work(function, range(8), lambda task: b""))
     assert done == {task: task for task in range(8)}
-    (sentence,) = progress.sentences
+    (sentence,) = progress.said
     assert sentence.startswith("a worker process was killed")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from planted import example, one_size, warm  # noqa: F401
+from sentences import Sentences
 from typer.testing import CliRunner
 
 from cli.jobs.run_tables import averages
@@ -14,7 +15,6 @@ from pipeline.errors import InputError, ProlearnError
 from pipeline.experiments.example_transfer import read_example, write_example
 from pipeline.experiments.records import TABLES
 from pipeline.figures.transfer import Example
-from pipeline.progress import Progress
 from registry.results import Run, arrays_of, earlier_run, evaluation, record, table_of
 from registry.store import EVALUATION, FLIGHTS, TRANSFER_TIMES, WARMSTART, connect
 
@@ -119,16 +119,11 @@ def test_a_missing_file_is_told_with_its_run(folder: Path, run: str) -> None:
 
 
 def test_a_damaged_run_does_not_count_as_done(folder: Path, run: str) -> None:
-    said: list[str] = []
-
-    class Told(Progress):
-        def say(self, sentence: str) -> None:
-            said.append(sentence)
-
-    assert earlier_run(EVALUATION, PARAMS, progress=Told()) == run
+    progress = Sentences()
+    assert earlier_run(EVALUATION, PARAMS, progress=progress) == run
     artifact(folder, run, "table.parquet").write_bytes(b"")
-    assert earlier_run(EVALUATION, PARAMS, progress=Told()) is None
-    (sentence,) = said
+    assert earlier_run(EVALUATION, PARAMS, progress=progress) is None
+    (sentence,) = progress.said
     assert run in sentence and sentence.endswith("It is done again.")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from sentences import Sentences
 
 import pipeline
 from cli.jobs.experiments import evaluate, transfer_times
@@ -17,7 +18,6 @@ from pipeline.errors import InputError
 from pipeline.flight.montecarlo import MADE_BY
 from pipeline.networks.recipes import architecture_names
 from pipeline.parallel.workers import Workers
-from pipeline.progress import Progress
 from pipeline.provenance import FLIGHT, DecidedBy
 from pipeline.training.loop import Trained
 from registry.environment import EVALUATED_BY, TRAINED_BY, with_architectures
@@ -250,16 +250,11 @@ def test_results_of_a_deleted_model_are_not_those_of_a_new_one_with_its_uri(
 def test_an_experiment_of_other_versions_is_not_taken_for_done_and_says_which(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[str] = []
-
-    class Told(Progress):
-        def say(self, sentence: str) -> None:
-            said.append(sentence)
-
+    progress = Sentences()
     run_id = record(EVALUATION, TRIALS, params={"trials": 100})
     tags = evaluation().tags
     versions = json.loads(tags["made_with"]) | {"clarabel": "0.1.2"}
     connect().client.set_tag(run_id, "made_with", json.dumps(versions))
-    assert earlier_run(EVALUATION, {"trials": 100}, progress=Told()) is None
-    (sentence,) = said
+    assert earlier_run(EVALUATION, {"trials": 100}, progress=progress) is None
+    (sentence,) = progress.said
     assert f"run {run_id} of prolearn-evaluation was made with clarabel 0.1.2, now" in sentence

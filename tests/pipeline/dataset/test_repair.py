@@ -9,6 +9,7 @@ import pytest
 from contents import content
 from forged import forge
 from rights import bound_by_modes
+from sentences import Sentences
 
 from pipeline.dataset.making import sample, solve
 from pipeline.dataset.manifest import read_manifest
@@ -18,21 +19,10 @@ from pipeline.errors import InputError
 from pipeline.expert import Settings
 from pipeline.orbit.problem import Problem
 from pipeline.parallel.workers import Workers
-from pipeline.progress import Progress
 from pipeline.storage import COPY, MANIFEST, TIMED
 
 ONE = Workers(jobs=1)
 SHARD = "n=3/part-00001.parquet"
-
-
-class Heard(Progress):
-    """Keeps what it is told."""
-
-    def __init__(self):
-        self.sentences = []
-
-    def say(self, sentence):
-        self.sentences.append(sentence)
 
 
 def faults(folder):
@@ -136,14 +126,14 @@ def test_sound_rows_that_are_not_expected_go_only_when_asked_for_and_are_kept(so
     twin = Path(shutil.copytree(solved, tmp_path / "twin"))
     forge(solved, lambda manifest: manifest["problem"].update(time_step=122.0))
     assert [fault.sound for fault in repair(solved, workers=ONE)].count(True) == 10
-    heard = Heard()
+    heard = Sentences()
     repair(solved, yes=True, workers=ONE.with_progress(heard))
     assert faults(solved) == []
     assert read_manifest(solved).problem.time_step == 122.0
     aside = {name: content for name, content in rows(solved).items() if "_damaged/" in name}
     data = {content for name, content in rows(twin).items() if "_timings" not in name}
     assert {*aside.values()} >= data
-    assert all(any(name in said for said in heard.sentences) for name in aside)
+    assert all(any(name in said for said in heard.said) for name in aside)
 
 
 def test_a_damaged_shard_is_kept_beside_the_one_that_took_its_place(solved):
@@ -156,10 +146,10 @@ def test_a_damaged_shard_is_kept_beside_the_one_that_took_its_place(solved):
     for k, run in enumerate((mend, again), start=1):
         damaged = (solved / SHARD).read_bytes()[: -100 * k]
         (solved / SHARD).write_bytes(damaged)
-        heard = Heard()
+        heard = Sentences()
         run(solved, heard)
         assert (solved / f"_damaged/{SHARD}.{k}").read_bytes() == damaged
-        assert heard.sentences == [f"{SHARD} in {solved} is set aside as _damaged/{SHARD}.{k}."]
+        assert heard.said == [f"{SHARD} in {solved} is set aside as _damaged/{SHARD}.{k}."]
         assert faults(solved) == []
 
 
