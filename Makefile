@@ -32,13 +32,16 @@ TOO_OLD := prolearn needs Python 3.11 or later; $(PYTHON) is %d.%d: make PYTHON=
 INSTALL = $(BIN)/uv pip install --quiet --system-certs --python $(BIN)/python --no-deps --requirement $(1) || \
 	$(BIN)/python -m pip install --quiet --no-compile --no-deps --requirement $(1)
 
-$(BIN)/prolearn: pyproject.toml requirements/run.txt
+$(VENV)/made: requirements/run.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; v < (3, 11) and sys.exit("$(TOO_OLD)" % v[:2])'
 	$(PYTHON) -m venv --clear $(VENV)  # without what another Python or an earlier lock installed
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt torch setuptools uv
 	$(call INSTALL,requirements/run.txt)
+	@touch $@
+
+$(BIN)/prolearn: $(VENV)/made pyproject.toml setup.py pipeline/orbit/closest.c
 	rm -rf prolearn.egg-info  # of an earlier version, which would be taken for the installed one
-	$(BIN)/python -m pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --editable .
 	@touch $@
 
 $(BIN)/pytest: $(BIN)/prolearn requirements/test.txt

@@ -49,7 +49,8 @@ def code_digest(parts: tuple[str, ...], root: Path = Path(__file__).parents[1]) 
     """Digest of what modules, by patterns, do: without comments, docstrings and layout."""
     digest = hashlib.sha256()
     found = [path for part in parts for path in root.glob(part)]
-    files = {file for path in found for file in ([path] if path.is_file() else path.rglob("*.py"))}
+    files = {path for path in found if path.is_file()}
+    files |= {file for path in found for kind in ("*.py", "*.c") for file in path.rglob(kind)}
     for path in sorted(files):
         content = _normalized(path.read_bytes())
         digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode() + content)
@@ -61,7 +62,7 @@ def _normalized(source: bytes) -> bytes:
     """The syntax tree of a module as text, cached since a process makes several digests of it."""
     try:
         tree = ast.parse(source)
-    except (SyntaxError, ValueError):  # other people's packages have templates and compiled modules
+    except (SyntaxError, ValueError):  # C, or templates of other people's packages
         return source
     return "\n".join(_tree_lines(tree)).encode()
 

@@ -244,7 +244,7 @@ def margins(
     begin, length = begin[face, k], (end - begin)[face, k]
     craft, normal, offset = faces.craft[face], faces.normal[face], faces.offset[face]
     start, push = states[craft, k], controls[craft, k]
-    fourth = problem.dynamics.fourth_derivative_bound(start, push, k)
+    fourth = problem.dynamics.linear_motion(k).fourth_derivative_bound(start, push, k)
     parts = np.maximum(1, np.ceil((length**4 / 384 * fourth * 4 / TOLERANCE) ** 0.25)).astype(int)
     row = np.repeat(np.arange(len(face)), parts)
     part = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)

@@ -1,12 +1,15 @@
 """Linear relative motion by intervals: the Clohessy-Wiltshire equations, or about any orbit."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import factorial
 
 import numpy as np
 
 from pipeline.arrays import Array, Float
 from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector, norm
+from pipeline.orbit.chebyshev import COEFFICIENTS, NODES, POINTS, pieces_of
+from pipeline.orbit.closest import LinearMotion
 from pipeline.orbit.linearized import LinearizedDynamics
 from pipeline.orbit.reference import J2, R_EARTH, radius_at
 
@@ -50,16 +53,9 @@ class ClohessyWiltshire:
         along = np.abs(control[..., 1]) + 2 * e * (np.abs(start[..., 3]) + time * in_plane)
         return np.sqrt(in_plane**2 + cross**2 + along**2)
 
-    def fourth_derivative_bound(
-        self, start: AnyState, control: Vector, interval: Interval = 0, since: Since = 0.0
-    ) -> Scalar:
-        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, from the state ``since`` s after its start.
-
-        It gives the error of a cubic interpolant.
-        """
-        # At all times x⁗ = -e² ẍ, z⁗ = -e² z̈, and ‖y⁗‖ ≤ 2e² times ẍ's amplitude.
-        in_plane, cross = self._amplitudes(start, control)
-        return self.mean_motion**2 * np.hypot(5**0.5 * in_plane, cross)
+    def linear_motion(self, interval: Interval) -> LinearMotion:
+        """Maps within intervals, up to the last of those given."""
+        return cw_motion(self.mean_motion, self.time_step)
 
     def _amplitudes(self, start: AnyState, control: Vector) -> tuple[Scalar, Scalar]:
         """Amplitudes of ẍ and z̈, which under constant control oscillate at e about 0 by Eq. 1."""
@@ -70,6 +66,24 @@ class ClohessyWiltshire:
 
 
 Dynamics = ClohessyWiltshire | LinearizedDynamics  # with the same methods
+
+
+@lru_cache(maxsize=16)
+def cw_motion(mean_motion: float, time_step: float) -> LinearMotion:
+    """Maps within an interval as Chebyshev series, from Eq. 2 at the points of its pieces."""
+    e, pieces = mean_motion, pieces_of(mean_motion * time_step)
+    half = time_step / pieces / 2
+    times = half * (2 * np.arange(pieces)[:, None] + 1 + NODES)
+    maps = np.concatenate(cw_matrices(e, times), axis=-1).reshape(pieces, POINTS, 54)
+    # At all times x⁗ = -e² ẍ and z⁗ = -e² z̈, which oscillate at e, and ‖y⁗‖ ≤ 2e² times ẍ's
+    # amplitude. Rows are the parts of the amplitudes of ẍ, times √5, and of z̈.
+    fourth = np.zeros((1, 4, 9))
+    fourth[0, 0, [0, 4, 6]] = np.array([3 * e**2, 2 * e, 1.0]) * 5**0.5
+    fourth[0, 1, [3, 7]] = np.array([-e, 2.0]) * 5**0.5
+    fourth[0, 2, [2, 8]] = -(e**2), 1.0
+    fourth[0, 3, 5] = e
+    series = (COEFFICIENTS @ maps).reshape(1, pieces, POINTS, 6, 9)
+    return LinearMotion(half, series, e**2 * fourth, absolute=False)
 
 
 def cw_matrices(

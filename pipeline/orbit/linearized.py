@@ -16,6 +16,7 @@ from pipeline.arrays import Array, Float
 from pipeline.orbit import chebyshev
 from pipeline.orbit.arrays import AnyState, Interval, Node, Scalar, Since, StepMaps, Vector, norm
 from pipeline.orbit.chebyshev import COEFFICIENTS, INTEGRAL, NODES, POINTS, basis
+from pipeline.orbit.closest import LinearMotion
 from pipeline.orbit.inertial import Frame, lvlh_frame
 from pipeline.orbit.reference_orbit import ReferenceOrbit
 
@@ -103,16 +104,9 @@ class LinearizedDynamics:
         """Upper bound on ‖p̈‖ over the whole interval, m/s²."""
         return _norm_bound(self._covering(interval).acceleration_bound[interval], start, control)
 
-    def fourth_derivative_bound(
-        self, start: AnyState, control: Vector, interval: Interval, since: Since = 0.0
-    ) -> Scalar:
-        """As ``ClohessyWiltshire.fourth_derivative_bound``, over the whole interval."""
-        if np.any(since):
-            before, pushed = self._from_start(since, interval)
-            start = np.matvec(np.linalg.inv(before), start - np.matvec(pushed, control))
-        return _norm_bound(
-            self._covering(interval).fourth_derivative_bound[interval], start, control
-        )
+    def linear_motion(self, interval: Interval) -> LinearMotion:
+        """As ``ClohessyWiltshire.linear_motion``."""
+        return _motion(self.orbit, self.time_step, self._count(interval))
 
 
 def _norm_bound(bounds: Float[Array, "*some 3 9"], start: AnyState, control: Vector) -> Scalar:
@@ -128,6 +122,12 @@ def _nodes(orbit: ReferenceOrbit, time_step: float, intervals: int) -> Float[Arr
     for step in steps:
         nodes.append(step @ nodes[-1])
     return np.stack(nodes)
+
+
+@lru_cache(maxsize=16)
+def _motion(orbit: ReferenceOrbit, time_step: float, intervals: int) -> LinearMotion:
+    arcs = arcs_of(orbit, time_step, intervals)
+    return LinearMotion(arcs.half, arcs.series, arcs.fourth_derivative_bound, absolute=True)
 
 
 @lru_cache(maxsize=16)

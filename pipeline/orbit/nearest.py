@@ -2,7 +2,7 @@
 
 ``orbit.separation`` does the same for linear motion, evaluated at any time by its maps; here
 motion is the polynomial through those points, whatever the forces. The branch and bound is the
-same (``orbit.bezier``).
+same (``orbit.closest``).
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ import numpy as np
 from pipeline.arrays import Array, Float, Int, like, namespace, plain
 from pipeline.orbit.approaches import TOLERANCE
 from pipeline.orbit.arrays import norm
-from pipeline.orbit.bezier import branch_and_bound, chord_bound, hermite_bezier, point_on
 from pipeline.orbit.chebyshev import COEFFICIENTS, CUBICS, basis, derivative_bound
+from pipeline.orbit.closest import closest_of_cubics
 from pipeline.orbit.partition import SwarmPartition, least_of_each, swarm_partition
 from pipeline.orbit.separation import Separation
 
@@ -80,21 +80,16 @@ def nearest(
         for k in (0, 1)
     )
     remainder = h**4 / 384 * norm(derivative_bound(apart[..., 3:], 3, half))
-    curve, reach = hermite_bezier(begin, end, h), within[trial] + off
-    if scale is not None:
-        curve *= scale[pair, None]
-    near = np.flatnonzero(chord_bound(curve) - remainder <= reach)
-    curve, remainder, reach, off = curve[near], remainder[near], reach[near], off[near]
-    alone, whole = np.arange(len(near)), (np.zeros(len(near)), np.ones(len(near)))
-    when, low = branch_and_bound(curve, remainder, alone, whole, reach, TOLERANCE)
-    distance = np.maximum(norm(point_on(curve, when)), low) - off
-    low = low - off
+    scale = None if scale is None else scale[pair]
+    when, distance, low = closest_of_cubics(
+        (begin, end), h, scale, remainder, within[trial] + off, TOLERANCE
+    )
+    distance, low = np.maximum(distance, low) - off, low - off
     bound = within.copy()
-    np.minimum.at(bound, trial[near], low)
-    best = least_of_each(distance, trial[near])[1]
-    at = near[best]
-    time = start + h * (piece[at] * CUBICS + cubic[at] + when[best])
-    return Nearest(distance[best], bound, i[at], j[at], time)
+    np.minimum.at(bound, trial, low)
+    best = least_of_each(distance, trial)[1]
+    time = start + h * (piece[best] * CUBICS + cubic[best] + when[best])
+    return Nearest(distance[best], bound, i[best], j[best], time)
 
 
 def no_pairs(trials: int) -> Nearest:

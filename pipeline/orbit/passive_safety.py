@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.orbit.approaches import Approaches, Motions, close_approaches, closest_to_origin
+from pipeline.orbit.approaches import Approaches, approaches_of_pairs, close_approaches
 from pipeline.orbit.arrays import Controls, CraftMask, Formation, States, Values
 from pipeline.orbit.drift_search import BlockSearch, DriftingPaths
 from pipeline.orbit.participants import Obstacle, Participants, at_the_end
@@ -72,14 +72,8 @@ def _closest(
     dynamics, held = paths.dynamics, paths.controls[other, interval]
     drifting = np.matvec(paths.drift(node, interval - node), paths.states[lost, node])
     start = drifting - paths.states[other, interval]
-    A, B = dynamics.step(length, interval)
-    end, since = np.matvec(A, start) - np.matvec(B, held), np.zeros(len(start))
-    scale, beyond = paths.swarms.separation_scaling(lost, other)
-    flown = np.concatenate([end, start, -held], axis=1)
-    motions = Motions(flown, reach[lost] + beyond, interval, since, scale)
-    near, found = closest_to_origin(motions, dynamics, length)
-    who = (each[near] for each in (lost, other, interval, node))
-    return Approaches(*vars(found.reduced_by(beyond, near)).values(), *who)
+    motions, who = np.concatenate([start, -held], axis=1), (lost, other, interval, node)
+    return approaches_of_pairs(motions, who, reach, paths.swarms, dynamics, length)
 
 
 def _closest_sampled(paths: DriftingPaths) -> list[Separation]:

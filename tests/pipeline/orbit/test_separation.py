@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 from judge import Case
 from judge.separation import closest_approaches
 from one_swarm import least_separation
-from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
 
 from pipeline.orbit.approaches import TOLERANCE, close_approaches
-from pipeline.orbit.bezier import equal_parts
 from pipeline.orbit.dynamics import cw_matrices
 from pipeline.orbit.partition import swarm_partition
 from pipeline.orbit.problem import Problem
@@ -211,12 +209,11 @@ def thousand_on_rings():
 
 
 def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(monkeypatch):
-    """In a thousand craft on rings, of which some meet, and with parts that are left out early."""
+    """In a thousand craft on rings, of which some meet."""
     states, controls, problem = thousand_on_rings()
     at_once = close_approaches(states, controls, problem, within=20.0)
     monkeypatch.setattr("pipeline.orbit.approaches.TOGETHER", 100)
     monkeypatch.setattr("pipeline.orbit.approaches.PAIRS_AT_ONCE", 1000)
-    monkeypatch.setattr("pipeline.orbit.approaches.MANY", 20)
     parts = close_approaches(states, controls, problem, within=20.0)
     assert len(at_once) > 100
     for name in ("first", "second", "interval", "offset", "distance", "bound"):
@@ -239,17 +236,6 @@ def test_few_moved_craft_of_a_large_swarm_have_the_approaches_that_are_found_amo
         assert (moved[found.first] & moved[found.second]).any()
     for name in ("first", "second", "interval", "offset", "distance", "bound"):
         assert np.array_equal(getattr(some, name), getattr(found, name)[kept])
-
-
-def test_equal_parts_of_a_cubic_are_where_it_is():
-    curve = np.random.default_rng(0).normal(size=(5, 4, 3))
-    parts = equal_parts(curve).reshape(5, -1, 4, 3)
-    count = parts.shape[1]
-    for k in range(count):
-        for share in (0.0, 0.3, 1.0):
-            there = BPoly(curve.transpose(1, 0, 2)[:, None], [0, 1])((k + share) / count)
-            here = BPoly(parts[:, k].transpose(1, 0, 2)[:, None], [0, 1])(share)
-            assert here == pytest.approx(there, abs=1e-12)
 
 
 def test_no_bracket_is_wider_than_its_tolerance():

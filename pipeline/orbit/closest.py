@@ -1,0 +1,170 @@
+"""Closest points of relative motions to the origin, by compiled code (``closest.c``)."""
+
+import ctypes
+import hashlib
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.arrays import Array, Bool, Float, Int, Shaped
+from pipeline.errors import ProlearnError
+from pipeline.orbit.arrays import AnyState, Interval, Scalar, Vector, norm
+
+SOURCE = Path(__file__).with_suffix(".c")
+LIBRARY = SOURCE.with_name("libclosest.so")  # which an installation compiles
+
+FOUND = np.dtype(
+    [
+        ("index", np.int64),  # of the motion
+        ("offset", np.float64),  # when it is closest, s from the interval's start
+        ("distance", np.float64),  # how close it is then, m
+        ("bound", np.float64),  # proven lower bound on its distance in the interval, m
+        ("state_map", np.float64, (3, 6)),  # from the state at the start to the position then
+        ("control_map", np.float64, (3, 3)),  # from the control to it
+    ]
+)
+"""What is found of a motion."""
+
+
+class _LinearMotion(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("intervals", "pieces", "rows")),
+        *((name, ctypes.c_void_p) for name in ("series", "fourth")),
+        ("half", ctypes.c_double),
+        ("absolute", ctypes.c_int32),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """Linear motion in K intervals of constant control; K is 1 where it is the same in all.
+
+    The state in an interval is a polynomial in each of M pieces of it.
+    """
+
+    half: float  # of a piece's length, s
+    # Chebyshev coefficients, in each piece, of A and B, side by side, from the interval's start
+    series: Float[Array, "K M q 6 9"]
+    # Maps from state and control to vectors at least as long as the fourth derivative, m/s⁴
+    fourth: Float[Array, "K rows 9"]
+    absolute: bool  # whether these are for absolute values of state and control
+
+    def __post_init__(self) -> None:
+        for name in ("series", "fourth"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
+
+    def fourth_derivative_bound(
+        self, start: AnyState, control: Vector, interval: Interval
+    ) -> Scalar:
+        """Upper bound on ‖p⁗‖ in an interval, m/s⁴, for the error of a cubic interpolant."""
+        given = np.concatenate([start, control], axis=-1)
+        maps = self.fourth[interval if len(self.fourth) > 1 else 0]
+        return np.asarray(norm(np.matvec(maps, np.abs(given) if self.absolute else given)))
+
+    @cached_property
+    def compiled(self) -> ctypes.Structure:
+        """The same for compiled code, valid while this exists."""
+        (intervals, pieces, *_), rows = self.series.shape, self.fourth.shape[1]
+        at = map(_address, (self.series, self.fourth))
+        return _LinearMotion(intervals, pieces, rows, *at, self.half, self.absolute)
+
+
+def closest_of_motions(
+    motion: LinearMotion,
+    given: Float[Array, "k 9"],
+    interval: Int[Array, "k"],
+    h: float,
+    scale: Float[Array, "k 3"] | None,
+    within: Float[Array, "k"],
+    tolerance: float,
+) -> Shaped[Array, "near"]:
+    """Closest points of motions over h s that may come within a distance, m, as FOUND.
+
+    Motions are states and controls at the starts of intervals, m, m/s and m/s². Distances are
+    measured in axes with a scale of at most 1; bounds are up to a tolerance, m, below them.
+    """
+    found = np.empty(len(given), FOUND)
+    inputs = _contiguous(given, interval, scale, within)
+    count = _library().closest_of_motions(
+        *(ctypes.byref(motion.compiled), len(given), h, tolerance),
+        *map(_address, (*inputs, found)),
+    )
+    return found[:count].copy()
+
+
+def closest_of_cubics(
+    ends: tuple[Float[Array, "k 6"], Float[Array, "k 6"]],
+    h: float,
+    scale: Float[Array, "k 3"] | None,
+    remainder: Float[Array, "k"],
+    within: Float[Array, "k"],
+    tolerance: float,
+) -> tuple[Float[Array, "k"], Float[Array, "k"], Float[Array, "k"]]:
+    """When cubics are closest, as a share of h s, how close, and a lower bound on that, m.
+
+    They have the states of both ends, and motions differ from them by up to their remainders, m.
+    Bounds are up to that and a tolerance, m, below distances, and infinite beyond ``within``, m.
+    """
+    when, distance, bound = np.empty((3, len(within)))
+    inputs = _contiguous(*ends, scale, remainder, within)
+    found = map(_address, (*inputs, when, distance, bound))
+    _library().closest_of_cubics(len(within), h, tolerance, *found)
+    return when, distance, bound
+
+
+def pairs_within(
+    states: Float[Array, "n T 6"],
+    sag: Float[Array, "n intervals"],
+    pairs: tuple[Int[Array, "p"], Int[Array, "p"]],
+    within: Float[Array, "p"],
+    scale: Float[Array, "p 3"] | None,
+) -> Bool[Array, "intervals p"]:
+    """Which pairs may come within a distance, m, in which intervals.
+
+    In an interval a craft stays within ``sag``, m, of uniform motion along its chord. Distances are
+    measured in scaled axes.
+    """
+    near = np.empty((sag.shape[1], len(within)), dtype=bool)
+    inputs = _contiguous(*pairs, states, sag, within, scale)
+    _library().pairs_within(len(within), len(near), *map(_address, (*inputs, near)))
+    return near
+
+
+def _contiguous(*arrays: Array | None) -> list[Array | None]:
+    """The same arrays, copied where they are not contiguous; they must live during a call."""
+    return [one if one is None else np.ascontiguousarray(one) for one in arrays]
+
+
+def _address(values: Array | None) -> int | None:
+    return None if values is None else values.ctypes.data
+
+
+_NUMBER, _REAL, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+_ARGUMENTS = {
+    "closest_of_motions": (_POINTER, _NUMBER, _REAL, _REAL, *[_POINTER] * 5),
+    "closest_of_cubics": (_NUMBER, _REAL, _REAL, *[_POINTER] * 8),
+    "pairs_within": (_NUMBER, _NUMBER, *[_POINTER] * 7),
+}
+
+
+@cache
+def _library() -> Any:
+    """The compiled functions; ProlearnError where they are missing or of an earlier source."""
+    try:
+        library = ctypes.CDLL(str(LIBRARY))
+        library.source.restype = ctypes.c_char_p
+        made = library.source().decode()
+    except (OSError, AttributeError):
+        made = ""
+    if made != hashlib.sha256(SOURCE.read_bytes()).hexdigest():
+        raise ProlearnError(
+            f"{LIBRARY} is missing, for another machine or of an earlier {SOURCE.name}; expected "
+            "what an installation compiles: install prolearn again, as by pip install ."
+        )
+    for name, types in _ARGUMENTS.items():
+        function = getattr(library, name)
+        function.argtypes, function.restype = types, ctypes.c_int64
+    return library
