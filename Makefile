@@ -39,7 +39,7 @@ $(VENV)/made: requirements/run.txt
 	$(call INSTALL,requirements/run.txt)
 	@touch $@
 
-$(BIN)/prolearn: $(VENV)/made pyproject.toml setup.py pipeline/orbit/closest.c
+$(BIN)/prolearn: $(VENV)/made pyproject.toml setup.py $(wildcard pipeline/*/*.c pipeline/*/*/*.c)
 	rm -rf prolearn.egg-info  # of an earlier version, which would be taken for the installed one
 	$(BIN)/python -m pip install --quiet --no-compile --no-deps --editable .
 	@touch $@

@@ -1,4 +1,4 @@
-"""Compile the search for closest approaches; all else of the package is in pyproject.toml.
+"""Compile the libraries in C; all else of the package is in pyproject.toml.
 
 By the compiler that the environment variable CC names, else by ``cc``. Where there is none, pip
 fetches one for the time of the build: Zig's, which compiles C.
@@ -19,7 +19,7 @@ from setuptools.command.build_ext import build_ext
 GIVEN = os.environ.get("CC") or shutil.which("cc")
 COMPILER = shlex.split(GIVEN) if GIVEN else [sys.executable, "-m", "ziglang", "cc"]
 # No product and sum in one rounding, so that results are the same on every processor
-FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]
+FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]
 
 
 class Compile(build_ext):
@@ -49,8 +49,13 @@ class Wheel(bdist_wheel):
         return "py3", "none", re.sub("^linux_", "manylinux_2_17_", platform)
 
 
+LIBRARIES = {
+    "pipeline.orbit.libclosest": "pipeline/orbit/closest.c",
+    "pipeline.networks.refiner.libkernels": "pipeline/networks/refiner/kernels.c",
+}
+
 setup(
-    ext_modules=[Extension("pipeline.orbit.libclosest", ["pipeline/orbit/closest.c"])],
+    ext_modules=[Extension(name, [source]) for name, source in LIBRARIES.items()],
     cmdclass={"build_ext": Compile, "bdist_wheel": Wheel},
     setup_requires=[] if GIVEN else ["ziglang"],
 )

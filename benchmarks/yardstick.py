@@ -325,7 +325,7 @@ def swarm_rows(
         least_fuel(Circle.of(document_of(s)), s.initial, s.goal).attained.sum() for s in scenarios
     ]
     planning = [PeerPlanning(peer, patience) for peer in peers]
-    solve(scenarios[0])  # what numba compiles is not counted
+    solve(scenarios[0])  # what is imported or tabled once is not counted
     for scenario in scenarios:
         for one in list(planning):
             try:

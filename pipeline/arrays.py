@@ -1,16 +1,21 @@
-"""Array types for shape annotations, ``Float[Array, "n T 6"]``, and functions for numpy and torch.
+"""Array types for shape annotations, ``Float[Array, "n T 6"]``, and functions of arrays.
 
 Tests check the shapes. The functions run on arrays and tensors; torch is never imported here.
 """
 
+import ctypes
+import hashlib
 import sys
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.errors import check_kind, check_text, is_number
+from pipeline.errors import ProlearnError, check_kind, check_text, is_number
 
 __all__ = ["Bool", "Float", "Float64", "Int", "Shaped"]  # jaxtyping's, re-exported
 
@@ -101,3 +106,59 @@ def like(values: Any, other: Any) -> Any:
     if not isinstance(other, np.ndarray):
         return tensor(values, other.device)
     return plain(values) if hasattr(values, "detach") else values
+
+
+# Of a compiled function's arguments, by letters: the data types of arrays, and other types
+_DTYPES = {"d": np.float64, "q": np.int64, "b": np.bool_}
+_TYPES = {"i": ctypes.c_int64, "r": ctypes.c_double}
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledLibrary:
+    """Functions of arrays in C, which an installation compiles (``setup.py``).
+
+    Attributes:
+        source: the C file, beside which the library is.
+        functions: the types of each function's arguments, by a letter each: for arrays d, float64,
+            q, int64, and b, boolean; i, a whole number; r, a real one; p, a pointer.
+    """
+
+    source: Path
+    functions: Mapping[str, str]
+
+    def call(self, name: str, *given: Any) -> int:
+        """What a function returns. Arrays of results must be contiguous; None is no array.
+
+        ProlearnError where the library is missing or was compiled of an earlier source.
+        """
+        function, dtypes = self._loaded[name]
+        arrays = [
+            one if dtype is None or one is None else np.ascontiguousarray(one, dtype)
+            for one, dtype in zip(given, dtypes, strict=True)
+        ]  # which must live during the call
+        return function(
+            *[one.ctypes.data if isinstance(one, np.ndarray) else one for one in arrays]
+        )
+
+    @cached_property
+    def _loaded(self) -> Mapping[str, tuple[Any, list[Any]]]:
+        """Each function, and the data types of its arguments."""
+        path = self.source.with_name(f"lib{self.source.stem}.so")
+        try:
+            library = ctypes.CDLL(str(path))
+            library.source.restype = ctypes.c_char_p
+            made = library.source().decode()
+        except (OSError, AttributeError):
+            made = ""
+        if made != hashlib.sha256(self.source.read_bytes()).hexdigest():
+            raise ProlearnError(
+                f"{path} is missing, for another machine or of an earlier {self.source.name}; "
+                "expected what an installation compiles: install prolearn again by pip install."
+            )
+        loaded = {}
+        for name, kinds in self.functions.items():
+            function = getattr(library, name)
+            function.argtypes = [_TYPES.get(kind, ctypes.c_void_p) for kind in kinds]
+            function.restype = ctypes.c_int64
+            loaded[name] = function, [_DTYPES.get(kind) for kind in kinds]
+        return loaded

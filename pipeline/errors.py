@@ -108,7 +108,7 @@ def _short(value: float | int) -> str:
 
 # Import names of the packages of each extra; ``learn`` has those of ``refiner`` as well
 EXTRAS = {
-    "refiner": ("numba", "safetensors"),
+    "refiner": ("safetensors",),
     "onnx": ("onnx", "onnxruntime", "onnxscript"),
     "tune": ("optuna",),
     "dask": ("dask", "distributed"),

@@ -19,12 +19,12 @@ MADE_WITH = "made_with"  # tag: the versions of code and packages that decide a 
 
 TRAINED_BY: DecidedBy = (
     tuple(f"pipeline/{part}" for part in ("orbit", "scenario", "networks", "training")),
-    ("numpy", "scipy", "numba", "torch"),
+    ("numpy", "scipy", "torch"),
 )
 EXPERIMENTS = ("records", "trials", "warmstart", "flights", "example_transfer")
 EVALUATED_BY: DecidedBy = (
     (*FLIGHT, *(f"pipeline/experiments/{k}.py" for k in EXPERIMENTS), "cli/jobs/experiments.py"),
-    ("numpy", "scipy", "numba", "clarabel", "highspy", "torch"),
+    ("numpy", "scipy", "clarabel", "highspy", "torch"),
 )
 """Code of ours and packages that decide what comes of a training, and of an experiment."""
 

@@ -41,7 +41,7 @@ from pipeline.storage.shards import Size, decode, digest_of, encode
 SCHEMA = "prolearn.flight/2"
 OWNED = rf"({TIMINGS})?loop=[\w-]+/part-\d{{5,}}\.parquet"  # pattern of the names of shards
 # Packages, our own and others, that the bytes of trials depend on
-_PACKAGES = ("numpy", "scipy", "numba", "pyarrow", "clarabel", "highspy", "torch")
+_PACKAGES = ("numpy", "scipy", "pyarrow", "clarabel", "highspy", "torch")
 MADE_BY: DecidedBy = FLIGHT, _PACKAGES
 
 

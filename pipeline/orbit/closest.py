@@ -1,20 +1,23 @@
 """Closest points of relative motions to the origin, by compiled code (``closest.c``)."""
 
 import ctypes
-import hashlib
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, Float, Int, Shaped
-from pipeline.errors import ProlearnError
+from pipeline.arrays import Array, Bool, CompiledLibrary, Float, Int, Shaped
 from pipeline.orbit.arrays import AnyState, Interval, Scalar, Vector, norm
 
-SOURCE = Path(__file__).with_suffix(".c")
-LIBRARY = SOURCE.with_name("libclosest.so")  # which an installation compiles
+LIBRARY = CompiledLibrary(
+    Path(__file__).with_suffix(".c"),
+    {
+        "closest_of_motions": "pirrdqddp",
+        "closest_of_cubics": "irrdddddddd",
+        "pairs_within": "iiqqddddb",
+    },
+)
 
 FOUND = np.dtype(
     [
@@ -68,7 +71,7 @@ class LinearMotion:
     def compiled(self) -> ctypes.Structure:
         """The same for compiled code, valid while this exists."""
         (intervals, pieces, *_), rows = self.series.shape, self.fourth.shape[1]
-        at = map(_address, (self.series, self.fourth))
+        at = self.series.ctypes.data, self.fourth.ctypes.data
         return _LinearMotion(intervals, pieces, rows, *at, self.half, self.absolute)
 
 
@@ -87,11 +90,9 @@ def closest_of_motions(
     measured in axes with a scale of at most 1; bounds are up to a tolerance, m, below them.
     """
     found = np.empty(len(given), FOUND)
-    inputs = _contiguous(given, interval, scale, within)
-    count = _library().closest_of_motions(
-        *(ctypes.byref(motion.compiled), len(given), h, tolerance),
-        *map(_address, (*inputs, found)),
-    )
+    over = ctypes.byref(motion.compiled), len(given), h, tolerance
+    where = given, interval, scale, within
+    count = LIBRARY.call("closest_of_motions", *over, *where, found.ctypes.data)
     return found[:count].copy()
 
 
@@ -108,10 +109,9 @@ def closest_of_cubics(
     They have the states of both ends, and motions differ from them by up to their remainders, m.
     Bounds are up to that and a tolerance, m, below distances, and infinite beyond ``within``, m.
     """
-    when, distance, bound = np.empty((3, len(within)))
-    inputs = _contiguous(*ends, scale, remainder, within)
-    found = map(_address, (*inputs, when, distance, bound))
-    _library().closest_of_cubics(len(within), h, tolerance, *found)
+    found = when, distance, bound = np.empty((3, len(within)))
+    given = *ends, scale, remainder, within
+    LIBRARY.call("closest_of_cubics", len(within), h, tolerance, *given, *found)
     return when, distance, bound
 
 
@@ -128,43 +128,6 @@ def pairs_within(
     measured in scaled axes.
     """
     near = np.empty((sag.shape[1], len(within)), dtype=bool)
-    inputs = _contiguous(*pairs, states, sag, within, scale)
-    _library().pairs_within(len(within), len(near), *map(_address, (*inputs, near)))
+    given = *pairs, states, sag, within, scale
+    LIBRARY.call("pairs_within", len(within), len(near), *given, near)
     return near
-
-
-def _contiguous(*arrays: Array | None) -> list[Array | None]:
-    """The same arrays, copied where they are not contiguous; they must live during a call."""
-    return [one if one is None else np.ascontiguousarray(one) for one in arrays]
-
-
-def _address(values: Array | None) -> int | None:
-    return None if values is None else values.ctypes.data
-
-
-_NUMBER, _REAL, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
-_ARGUMENTS = {
-    "closest_of_motions": (_POINTER, _NUMBER, _REAL, _REAL, *[_POINTER] * 5),
-    "closest_of_cubics": (_NUMBER, _REAL, _REAL, *[_POINTER] * 8),
-    "pairs_within": (_NUMBER, _NUMBER, *[_POINTER] * 7),
-}
-
-
-@cache
-def _library() -> Any:
-    """The compiled functions; ProlearnError where they are missing or of an earlier source."""
-    try:
-        library = ctypes.CDLL(str(LIBRARY))
-        library.source.restype = ctypes.c_char_p
-        made = library.source().decode()
-    except (OSError, AttributeError):
-        made = ""
-    if made != hashlib.sha256(SOURCE.read_bytes()).hexdigest():
-        raise ProlearnError(
-            f"{LIBRARY} is missing, for another machine or of an earlier {SOURCE.name}; expected "
-            "what an installation compiles: install prolearn again, as by pip install ."
-        )
-    for name, types in _ARGUMENTS.items():
-        function = getattr(library, name)
-        function.argtypes, function.restype = types, ctypes.c_int64
-    return library

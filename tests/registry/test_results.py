@@ -182,7 +182,7 @@ def test_an_experiment_hangs_on_what_runs_it_and_on_no_figure_text_or_verdict() 
     }
 
 
-COMPUTE = {"numpy", "scipy", "numba", "clarabel", "highspy", "cvxpy", "torch"}
+COMPUTE = {"numpy", "scipy", "clarabel", "highspy", "cvxpy", "torch"}
 """Of what our code imports, the distributions that compute."""
 
 

@@ -1,19 +1,14 @@
-"""Functions of the refiner for numpy and torch alike, and compilation by numba."""
+"""Functions of the refiner for numpy and torch alike, and its compiled loops (``kernels.c``)."""
 
-import os
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
-from numba.core import config
 
-from pipeline.arrays import Array, Bool, Float, Int, Shaped, like, namespace, plain
-from pipeline.scratch import own_folder
+from pipeline.arrays import Array, Bool, CompiledLibrary, Float, Int, Shaped, like, namespace, plain
 
 
 def constant(values: Any) -> Any:
@@ -81,29 +76,13 @@ def _self_adjoint() -> Any:
     return SelfAdjoint.apply
 
 
-# Compilation by numba, with its cache on disk where some folder can be written.
-
-
-def _kept() -> bool:
-    """Whether numba has a cache folder that can be written, if need be a temporary one.
-
-    In a container, neither the package's folder nor the home may be writable.
-    """
-    for _ in range(2):
-        with suppress(RuntimeError):
-            # Path raises where there is no home; numba would make a folder ~ in the current one.
-            if config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home():
-                numba.njit(cache=True)(lambda: None)
-                return True
-        with suppress(OSError):
-            config.CACHE_DIR = own_folder("numba")
-    return False
-
-
-KEPT = _kept()
-
-
-def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """``numba.njit``, without its cache where there is no folder for that."""
-    decorator: Callable[[Callable[..., Any]], Any] = numba.njit(cache=cache and KEPT, **options)
-    return decorator
+KERNELS = CompiledLibrary(
+    Path(__file__).with_name("kernels.c"),
+    {
+        "nearest": "iidqqqdbddb",
+        "close_pairs": "iiiddiq",
+        "add_up": "iiiddqqd",
+        "solve_all": "iiirddqqddqqqddidqddd",
+        "first_ratios": "iidqqdqddd",
+    },
+)

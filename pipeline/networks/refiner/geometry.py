@@ -12,12 +12,12 @@ is linear in the states of the interval's two nodes, with Hermite weights.
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int, like, namespace, plain, tensor
-from pipeline.networks.refiner.arrays import constant, njit, rows, self_adjoint, where
+from pipeline.networks.refiner.arrays import KERNELS, constant, rows, self_adjoint, where
 from pipeline.orbit.arrays import Rows
 from pipeline.orbit.problem import Problem
 from pipeline.orbit.transfer import transfer_maps
@@ -28,6 +28,7 @@ NEAR, NEAR_OF_EXTENT = 4.0, 0.15
 
 TOUCHING = 1e-4  # distance in r_col below which the gap of two craft defines no direction
 STILL = 1e-9  # relative speed in r_col/Δt below which it defines no direction
+# Of the search for closest approaches, in kernels.c too:
 STRETCHES = 6  # parts of an interval in which the search at first takes motion as straight
 NEWTON_STEPS = 3  # steps from there; the last changes the result by less than a millimetre
 # Ratio of the squared distances after and before a Newton step up to which the step is taken: a
@@ -110,9 +111,10 @@ class Sides:
         vectors = plain(free)
 
         def sums(values: Float[Array, "L 2 _"]) -> Float[Array, "L 2 _"]:
-            result = np.zeros_like(values)
-            add_up(values, vectors, self.start, self.order, result)
-            return result
+            result = np.zeros(values.shape)
+            sizes = len(self.craft), vectors.shape[1], values.shape[2] // 2
+            KERNELS.call("add_up", *sizes, values, vectors, self.start, self.order, result)
+            return result.astype(values.dtype, copy=False)
 
         return self_adjoint(sums, namespace(messages).concatenate([messages, messages], axis=2))
 
@@ -163,13 +165,20 @@ class Encounters(Rows):
         Pairs of which neither craft has moved keep the result ``before``.
         """
         found = [values.copy() for values in vars(before).values()]
-        nearest(plain(states), self.first, self.second, self.interval, within, moved, *found)
+        which = self.first, self.second, self.interval
+        sizes = len(within), states.shape[1]
+        KERNELS.call("nearest", *sizes, plain(states), *which, within, moved, *found)
         return EncounterGeometry(*found)
 
 
 def encounters(states: Float[Array, "N T 6"], n: int) -> Encounters:
     """Pairs of craft and intervals in which they come within the distance of ``considered``."""
-    return Encounters(*close_pairs(np.ascontiguousarray(states), n, considered(states, n)))
+    N, T, _ = states.shape
+    within, count, room = considered(states, n), 64 * N, 0  # a guess that few exceed
+    while count > room:
+        room, found = count, np.empty((count, 3), dtype=np.int64)
+        count = KERNELS.call("close_pairs", N, T, n, states, within, room, found)
+    return Encounters(*found[:count].T.copy())
 
 
 def considered(states: Float[Any, "N T 6"], n: int) -> Float[Any, "b"]:
@@ -272,192 +281,3 @@ def _unit(vector: Float[Any, "L 3"]) -> Float[Any, "L 3"]:
 
 def _length(vector: Float[Any, "L 3"]) -> Float[Any, "L 1"]:
     return namespace(vector).linalg.vector_norm(vector, axis=1, keepdims=True)
-
-
-# Closest approaches within an interval and sums over the sides of each craft, compiled; jaxtyping
-# cannot look into these functions.
-
-
-@no_type_check
-@njit(cache=True)
-def nearest(states, first, second, interval, within, moved, share, distance, is_minimum):
-    """The closest approach of pairs of craft in intervals, (k,) each, into the last three arrays.
-
-    Those are as in ``EncounterGeometry``. Node states are (N, T, 6), lengths in r_col. Results of
-    pairs of which neither craft has ``moved``, (N,), stay; where the pair surely stays beyond
-    ``within``, share and distance are 0 and infinite.
-    """
-    motion = np.empty((4, 3))
-    for k in range(len(first)):
-        if not (moved[first[k]] or moved[second[k]]):
-            continue
-        one, other, t = states[first[k]], states[second[k]], interval[k]
-        if stays_beyond(one, other, t, within[k]):
-            share[k], distance[k], is_minimum[k] = 0.0, np.inf, False
-        else:
-            fill_cubic(motion, one, other, t)
-            share[k], distance[k] = closest(motion)
-            square, slope, _, speed = distance_at(motion, share[k])
-            stationary = slope * slope <= LEVEL * LEVEL * square * speed
-            is_minimum[k] = 0.0 < share[k] < 1.0 or stationary
-
-
-@no_type_check
-@njit(cache=True)
-def close_pairs(states, n, within):
-    """All pairs of the same swarm of n craft, and intervals in which they come within a distance.
-
-    Node states are (N, T, 6), distances, one for each swarm, (N / n,). The result, (3, k), is first
-    craft, second craft and interval.
-    """
-    found = []
-    motion = np.empty((4, 3))
-    for i in range(len(states)):
-        swarm = i // n
-        for j in range(i + 1, (swarm + 1) * n):
-            for t in range(states.shape[1] - 1):
-                if stays_beyond(states[i], states[j], t, within[swarm]):
-                    continue
-                fill_cubic(motion, states[i], states[j], t)
-                if comes_within(motion, within[swarm]):
-                    found.extend((i, j, t))
-    return np.array(found).reshape(-1, 3).T.copy()
-
-
-@no_type_check
-@njit(cache=True)
-def stays_beyond(one, other, t, within):
-    """Whether two craft certainly stay beyond a distance in an interval.
-
-    Relative motion is a cubic, and lies within the hull of its four Bézier control points; where
-    these are beyond a plane at that distance, across the mean of both ends, so is the cubic.
-    """
-    begin, leave, come, end, length = 0.0, 0.0, 0.0, 0.0, 0.0
-    for x in range(3):
-        here, there = one[t, x] - other[t, x], one[t + 1, x] - other[t + 1, x]
-        go, arrive = one[t, x + 3] - other[t, x + 3], one[t + 1, x + 3] - other[t + 1, x + 3]
-        middle = here + there
-        begin += here * middle
-        leave += (here + THIRD * go) * middle
-        come += (there - THIRD * arrive) * middle
-        end += there * middle
-        length += middle * middle
-    least = min(min(begin, leave), min(come, end))
-    return least > 0 and least * least > within * within * length
-
-
-@no_type_check
-@njit(cache=True)
-def comes_within(motion, within):
-    """Whether the cubic comes within a distance of 0; most that do are at one of their ends."""
-    begin, end = 0.0, 0.0
-    for x in range(3):
-        begin += motion[0, x] ** 2
-        end += (motion[0, x] + motion[1, x] + motion[2, x] + motion[3, x]) ** 2
-    return min(begin, end) <= within * within or closest(motion)[1] <= within
-
-
-@no_type_check
-@njit(cache=True)
-def fill_cubic(motion, one, other, t):
-    """Relative motion in an interval as the coefficients of its cubic: p0, v0, a2, a3."""
-    for x in range(3):
-        here, there = one[t, x] - other[t, x], one[t + 1, x] - other[t + 1, x]
-        go, arrive = one[t, x + 3] - other[t, x + 3], one[t + 1, x + 3] - other[t + 1, x + 3]
-        motion[0, x], motion[1, x] = here, go
-        motion[2, x] = 3 * (there - here) - 2 * go - arrive
-        motion[3, x] = 2 * (here - there) + go + arrive
-
-
-@no_type_check
-@njit(cache=True)
-def closest(motion):
-    """Time and distance of the cubic's closest approach to 0."""
-    when, least = 0.0, np.inf
-    x, y, z = position_at(motion, 0.0)
-    for stretch in range(STRETCHES):
-        # Where craft pass each other fast, the closest sample may be far from there.
-        here = x * x + y * y + z * z
-        if here < least:
-            when, least = stretch / STRETCHES, here
-        to_x, to_y, to_z = position_at(motion, (stretch + 1) / STRETCHES)
-        along = x * (x - to_x) + y * (y - to_y) + z * (z - to_z)
-        length = (to_x - x) ** 2 + (to_y - y) ** 2 + (to_z - z) ** 2
-        if 0 < along < length:  # the straight way between both is closest to 0 on its way
-            s = (stretch + along / length) / STRETCHES
-            square = distance_at(motion, s)[0]
-            if square < least:
-                when, least = s, square
-        x, y, z = to_x, to_y, to_z
-    if x * x + y * y + z * z < least:
-        when, least = 1.0, x * x + y * y + z * z
-    # The least of a smooth curve is near the least of these, so no step goes further.
-    low, high = max(when - 1 / STRETCHES, 0.0), min(when + 1 / STRETCHES, 1.0)
-    s = when
-    for _ in range(NEWTON_STEPS):
-        _, slope, curvature, _ = distance_at(motion, s)
-        step = slope / curvature if curvature > 0 else np.sign(slope) * (high - low) / 4
-        s = min(max(s - step, low), high)
-        square = distance_at(motion, s)[0]
-        if square <= least * EQUAL:
-            when, least = s, min(square, least)
-    return when, np.sqrt(least)
-
-
-@no_type_check
-@njit(cache=True)
-def distance_at(motion, s):
-    """Squared distance |p|² of the cubic, half its first two derivatives, and |v|²."""
-    square, slope, curvature, speed = 0.0, 0.0, 0.0, 0.0
-    for x in range(3):
-        p0, v0, a2, a3 = motion[0, x], motion[1, x], motion[2, x], motion[3, x]
-        p = p0 + s * (v0 + s * (a2 + s * a3))
-        v = v0 + s * (2 * a2 + 3 * s * a3)
-        square += p * p
-        slope += p * v
-        curvature += v * v + p * (2 * a2 + 6 * s * a3)
-        speed += v * v
-    return square, slope, curvature, speed
-
-
-@no_type_check
-@njit(cache=True)
-def position_at(motion, s):
-    """Position on the cubic."""
-    x = motion[0, 0] + s * (motion[1, 0] + s * (motion[2, 0] + s * motion[3, 0]))
-    y = motion[0, 1] + s * (motion[1, 1] + s * (motion[2, 1] + s * motion[3, 1]))
-    z = motion[0, 2] + s * (motion[1, 2] + s * (motion[2, 2] + s * motion[3, 2]))
-    return x, y, z
-
-
-@no_type_check
-@njit(cache=True, fastmath=True)
-def add_up(messages, free, start, order, result):
-    """Sums of messages over each craft's other encounters, added to ``result``, which is zero.
-
-    Messages, (L, 2, 2H), have the terms of the first sum and those of the second; sides are those
-    of ``Sides``.
-    """
-    m, H = free.shape[1], messages.shape[2] // 2
-    every = np.empty(H, messages.dtype)
-    for c in range(len(start) - 1):
-        every[:] = 0.0
-        for a in range(start[c], start[c + 1]):
-            for h in range(H):
-                every[h] += messages[order[a] >> 1, order[a] & 1, H + h]
-        for a in range(start[c], start[c + 1]):
-            one, at = order[a] >> 1, order[a] & 1
-            for h in range(H):
-                result[one, at, H + h] = every[h]
-            for b in range(start[c], a + 1):
-                other, there = order[b] >> 1, order[b] & 1
-                cosine = messages.dtype.type(0.0)
-                for x in range(m):
-                    cosine += free[one, x] * free[other, x]
-                if at != there:
-                    cosine = -cosine
-                for h in range(H):
-                    result[one, at, h] += cosine * messages[other, there, h]
-                if a != b:
-                    for h in range(H):
-                        result[other, there, h] += cosine * messages[one, at, h]

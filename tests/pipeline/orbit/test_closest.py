@@ -1,18 +1,18 @@
 """The compiled search for closest points, held against roots of polynomials and maps of motion."""
 
+import shutil
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_swarm import least_separation
 
+from pipeline.arrays import CompiledLibrary
 from pipeline.errors import ProlearnError
 from pipeline.orbit import closest
 from pipeline.orbit.dynamics import ClohessyWiltshire
 from pipeline.orbit.linearized import LinearizedDynamics
-from pipeline.orbit.problem import Problem
 from pipeline.orbit.reference_orbit import ReferenceOrbit
-from pipeline.orbit.transfer import fly
 
 H, TOLERANCE = 100.0, 1e-4
 MOLNIYA = ReferenceOrbit(26.6e6, 0.7, 63.4, argument_of_latitude_deg=-30.0)
@@ -110,20 +110,11 @@ def test_motion_too_wild_to_be_searched_is_bounded_by_zero_and_what_is_no_number
 
 
 @pytest.mark.parametrize("what", ["missing", "of an earlier source"])
-def test_a_library_that_does_not_fit_its_source_is_refused_in_a_sentence(
-    what, tmp_path, monkeypatch
-):
-    if what == "missing":
-        monkeypatch.setattr(closest, "LIBRARY", tmp_path / "libclosest.so")
-    else:
-        (tmp_path / "closest.c").write_bytes(closest.SOURCE.read_bytes() + b"\n")
-        monkeypatch.setattr(closest, "SOURCE", tmp_path / "closest.c")
-    closest._library.cache_clear()
-    states = fly(np.eye(2, 6) * 100.0, np.zeros((2, 10, 3)), Problem())
-    try:
-        with pytest.raises(
-            ProlearnError, match=r"earlier closest\.c; expected what an installation"
-        ):
-            least_separation(states, np.zeros((2, 10, 3)), Problem())
-    finally:
-        closest._library.cache_clear()
+def test_a_library_that_does_not_fit_its_source_is_refused_in_a_sentence(what, tmp_path):
+    """Beside a source without a library, or with the one of another source."""
+    library, source = closest.LIBRARY, tmp_path / "closest.c"
+    source.write_bytes(library.source.read_bytes() + b"\n")
+    if what == "of an earlier source":
+        shutil.copy(library.source.with_name("libclosest.so"), tmp_path)
+    with pytest.raises(ProlearnError, match=r"earlier closest\.c; expected what an installation"):
+        CompiledLibrary(source, library.functions).call("pairs_within")
