@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.arrays import Array, Float
+from pipeline.arrays import Array, Float, Shaped
 from pipeline.orbit.arrays import (
     Controls,
     CraftMask,
@@ -17,7 +17,7 @@ from pipeline.orbit.arrays import (
     Vector,
     norm,
 )
-from pipeline.orbit.closest import closest_of_motions, pairs_within
+from pipeline.orbit.closest import closest_of_motions, closest_of_pairs
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.partition import (
     MOST_PAIRS,
@@ -84,6 +84,9 @@ def close_approaches(
     reach = swarms.per_craft(within)
     states, controls = swarms.all_states(states), swarms.all_controls(controls)
     moved = None if moved is None else swarms.participant_mask(moved)
+    compared = _compared_pairs(swarms, moved)
+    if compared is not None:
+        return _of_pairs(states, controls, problem, reach, swarms, compared, tolerance)
     intervals = controls.shape[1]
     i, j, k = _candidates(states, controls, problem, reach, swarms, moved)
     flown = np.concatenate([states[:, :-1], controls], axis=2).reshape(-1, 9)
@@ -93,11 +96,11 @@ def close_approaches(
         relative = flown.take(first * intervals + interval, 0)
         relative -= flown.take(second * intervals + interval, 0)
         who, over = (first, second, interval), (problem.dynamics, problem.time_step)
-        found.append(approaches_of_pairs(relative, who, reach, swarms, *over, tolerance))
+        found.append(approaches_of_motions(relative, who, reach, swarms, *over, tolerance))
     return found[0] if len(found) == 1 else Approaches.concatenated(found)
 
 
-def approaches_of_pairs(
+def approaches_of_motions(
     motions: Float[Array, "k 9"],
     who: Sequence[Indices],
     reach: Float[Array, "craft"],
@@ -116,15 +119,35 @@ def approaches_of_pairs(
     within, linear = reach.take(first) + beyond, dynamics.linear_motion(interval)
     found = closest_of_motions(linear, motions, interval, h, scale, within, tolerance)
     near = found["index"]
-    beyond = beyond.take(near)
-    return Approaches(
-        found["offset"],
-        found["distance"] - beyond,
-        found["bound"] - beyond,
-        found["state_map"],
-        found["control_map"],
-        *(each.take(near) for each in who),
-    )
+    return _approaches(found, beyond.take(near), *(each.take(near) for each in who))
+
+
+def _of_pairs(
+    states: States,
+    controls: Controls,
+    problem: Problem,
+    reach: Float[Array, "craft"],
+    swarms: SwarmPartition,
+    pairs: Pairs,
+    tolerance: float,
+) -> Approaches:
+    """As ``close_approaches``, of all of some pairs."""
+    (i, j), dynamics, h = pairs, problem.dynamics, problem.time_step
+    each = np.arange(controls.shape[1])
+    sag = dynamics.acceleration_bound(states[:, :-1], controls, h, each) * h**2 / 8
+    flown = np.concatenate([states[:, 1:], states[:, :-1], controls], axis=2)
+    scale, beyond = swarms.separation_scaling(i, j)
+    within, linear = reach.take(i) + beyond, dynamics.linear_motion(each)
+    found = closest_of_pairs(linear, pairs, flown, sag, scale, within, h, tolerance)
+    k, pair = np.divmod(found["index"], len(i))
+    return _approaches(found, beyond.take(pair), i.take(pair), j.take(pair), k)
+
+
+def _approaches(found: Shaped[Array, "k"], beyond: Values, *who: Indices) -> Approaches:
+    """Approaches of FOUND, with offsets to subtract, m."""
+    distance, bound = found["distance"] - beyond, found["bound"] - beyond
+    maps = found["state_map"], found["control_map"]
+    return Approaches(found["offset"], distance, bound, *maps, *who)
 
 
 def _candidates(
@@ -136,19 +159,11 @@ def _candidates(
     moved: CraftMask | None,
 ) -> tuple[Indices, Indices, Indices]:
     """Pairs and intervals in which craft may come near: first craft, second craft, interval."""
-    dynamics, h, each = problem.dynamics, problem.time_step, np.arange(controls.shape[1])
-    compared = _compared_pairs(swarms, moved)
-    if compared is None:
-        lines, sag = _chords(states, controls, dynamics, h)
-        found = [_by_trees(lines[:, :, k], sag[:, k], reach, swarms, moved) for k in each]
-        i, j = (np.concatenate(both) for both in zip(*found, strict=True))
-        return i, j, each.repeat([len(first) for first, _ in found])
-    i, j = compared
-    sag = dynamics.acceleration_bound(states[:, :-1], controls, h, each) * h**2 / 8
-    scale, beyond = swarms.separation_scaling(i, j)
-    near = pairs_within(states, sag, (i, j), reach.take(i) + beyond, scale)
-    k, pair = near.nonzero()
-    return i.take(pair), j.take(pair), k
+    each = np.arange(controls.shape[1])
+    lines, sag = _chords(states, controls, problem.dynamics, problem.time_step)
+    found = [_by_trees(lines[:, :, k], sag[:, k], reach, swarms, moved) for k in each]
+    i, j = (np.concatenate(both) for both in zip(*found, strict=True))
+    return i, j, each.repeat([len(first) for first, _ in found])
 
 
 def _compared_pairs(swarms: SwarmPartition, moved: CraftMask | None) -> Pairs | None:

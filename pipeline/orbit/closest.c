@@ -215,29 +215,6 @@ void closest_of_cubics(int64_t cubics, double h, double tolerance, const double 
   }
 }
 
-/* Which pairs may come within a distance in which intervals: `near`, (intervals, pairs).
-
-   Positions are at nodes, (craft, intervals + 1, 6) with velocities; a craft strays up to `sag`
-   from its chord, (craft, intervals). Scales of the axes are (pairs, 3), or none. */
-void pairs_within(int64_t pairs, int64_t intervals, const int64_t *first, const int64_t *second,
-                  const double *states, const double *sag, const double *within,
-                  const double *scale, uint8_t *near) {
-  for (int64_t p = 0; p < pairs; p++) {
-    const double *one = states + first[p] * (intervals + 1) * 6;
-    const double *other = states + second[p] * (intervals + 1) * 6;
-    const double *stray = sag + first[p] * intervals, *strays = sag + second[p] * intervals;
-    Vector begin, chord;
-    for (int64_t k = 0; k < intervals; k++, one += 6, other += 6) {
-      for (int d = 0; d < 3; d++) {
-        double axis = scale ? scale[3 * p + d] : 1;
-        begin[d] = (one[d] - other[d]) * axis;
-        chord[d] = (one[6 + d] - other[6 + d]) * axis - begin[d];
-      }
-      near[k * pairs + p] = chord_distance(begin, chord) <= within[p] + stray[k] + strays[k];
-    }
-  }
-}
-
 /* Linear motion in intervals of constant control, as LinearMotion in closest.py.
 
    State and control, nine numbers, determine the motion in an interval: its state is a polynomial
@@ -370,46 +347,89 @@ typedef struct {
   double state_map[3][6], control_map[3][3]; /* to the position then */
 } Found;
 
+/* Find the closest point of a motion over h s, if it may come within its reach; else return 0. */
+static int find_motion(Motion *motion, double h, double tolerance, double within, const Map to_end,
+                       Found *found) {
+  Search search;
+  State start, end;
+  Curve curve;
+  Map there;
+  begin_motion(motion);
+  for (int i = 0; i < 6; i++) start[i] = motion->given[i];
+  apply(to_end, motion->given, end);
+  hermite(start, end, h, motion->scale, curve);
+  if (!(chord_bound(curve) - cubic_error(motion, h) <= within)) return 0;
+  /* A quarter of the tolerance on either side is for the error of cubics. */
+  begin_search(&search, tolerance / 4, within, tolerance / 2);
+  search_stretch(&search, motion, h, 0, h, start);
+  if (!(search.bound <= within)) return 0;
+  found->offset = search.when * h;
+  map_at(motion->linear, motion->interval, found->offset, there);
+  apply(there, motion->given, end);
+  for (int d = 0; d < 3; d++) {
+    end[d] *= motion->scale ? motion->scale[d] : 1;
+    for (int j = 0; j < 6; j++) found->state_map[d][j] = there[d][j];
+    for (int j = 0; j < 3; j++) found->control_map[d][j] = there[d][6 + j];
+  }
+  found->bound = search.bound;
+  found->distance = larger(sqrt(dot(end, end)), search.bound);
+  return 1;
+}
+
 /* Closest points to the origin of those motions over h s that may come within their reach.
 
    Motions are states and controls, (motions, 9), at starts of intervals. Returns how many it found. */
 int64_t closest_of_motions(const LinearMotion *linear, int64_t motions, double h, double tolerance,
                            const double *given, const int64_t *interval, const double *scale,
                            const double *within, Found *found) {
-  Search search;
   Motion motion = {.linear = linear};
   Map to_end;
-  State start, end;
-  Curve curve;
-  Found *first = found;
-  for (int64_t m = 0; m < motions; m++, given += 9) {
+  int64_t count = 0;
+  for (int64_t m = 0; m < motions; m++) {
     if (m == 0 || (interval[m] != interval[m - 1] && linear->intervals > 1))
       map_at(linear, interval[m], h, to_end);
     motion.interval = interval[m];
-    motion.given = given;
+    motion.given = given + 9 * m;
     motion.scale = scale ? scale + 3 * m : 0;
-    begin_motion(&motion);
-    for (int i = 0; i < 6; i++) start[i] = given[i];
-    apply(to_end, given, end);
-    hermite(start, end, h, motion.scale, curve);
-    if (!(chord_bound(curve) - cubic_error(&motion, h) <= within[m])) continue;
-    /* A quarter of the tolerance on either side is for the error of cubics. */
-    begin_search(&search, tolerance / 4, within[m], tolerance / 2);
-    search_stretch(&search, &motion, h, 0, h, start);
-    if (!(search.bound <= within[m])) continue;
-    found->index = m;
-    found->offset = search.when * h;
-    Map there;
-    map_at(linear, interval[m], found->offset, there);
-    apply(there, given, end);
-    for (int d = 0; d < 3; d++) {
-      end[d] *= motion.scale ? motion.scale[d] : 1;
-      for (int j = 0; j < 6; j++) found->state_map[d][j] = there[d][j];
-      for (int j = 0; j < 3; j++) found->control_map[d][j] = there[d][6 + j];
-    }
-    found->bound = search.bound;
-    found->distance = larger(sqrt(dot(end, end)), search.bound);
-    found++;
+    if (!find_motion(&motion, h, tolerance, within[m], to_end, &found[count])) continue;
+    found[count++].index = m;
   }
-  return found - first;
+  return count;
+}
+
+/* The same for pairs of craft in each of some intervals from the plan's `first_interval` on.
+
+   Flown are (craft, intervals, 15): states at both ends of an interval, its end first, and controls.
+   A craft strays up to `sag` from its chord, (craft, intervals). An index is that of an interval,
+   counted from the first of these, times the number of pairs, and that of a pair. */
+int64_t closest_of_pairs(const LinearMotion *linear, int64_t pairs, int64_t intervals,
+                         int64_t begin, int64_t end, double h, double tolerance,
+                         const int64_t *first, const int64_t *second, const double *flown,
+                         const double *sag, const double *scale, const double *within,
+                         Found *found) {
+  Motion motion = {.linear = linear};
+  Map to_end;
+  double given[9];
+  Vector from, chord;
+  int64_t count = 0;
+  motion.given = given;
+  for (int64_t k = begin; k < end; k++) {
+    if (k == begin || linear->intervals > 1) map_at(linear, k, h, to_end);
+    motion.interval = k;
+    for (int64_t p = 0; p < pairs; p++) {
+      int64_t i = first[p] * intervals + k, j = second[p] * intervals + k;
+      const double *one = flown + 15 * i, *other = flown + 15 * j;
+      motion.scale = scale ? scale + 3 * p : 0;
+      for (int d = 0; d < 3; d++) {
+        double axis = motion.scale ? motion.scale[d] : 1;
+        from[d] = axis * (one[6 + d] - other[6 + d]);
+        chord[d] = axis * (one[d] - other[d]) - from[d];
+      }
+      if (!(chord_distance(from, chord) <= within[p] + sag[i] + sag[j])) continue;
+      for (int d = 0; d < 9; d++) given[d] = one[6 + d] - other[6 + d];
+      if (!find_motion(&motion, h, tolerance, within[p], to_end, &found[count])) continue;
+      found[count++].index = (k - begin) * pairs + p;
+    }
+  }
+  return count;
 }

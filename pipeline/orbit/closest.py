@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.arrays import Array, Bool, CompiledLibrary, Float, Int, Shaped
+from pipeline.arrays import Array, CompiledLibrary, Float, Int, Shaped
 from pipeline.orbit.arrays import AnyState, Interval, Scalar, Vector, norm
 
 LIBRARY = CompiledLibrary(
@@ -15,7 +15,7 @@ LIBRARY = CompiledLibrary(
     {
         "closest_of_motions": "pirrdqddp",
         "closest_of_cubics": "irrdddddddd",
-        "pairs_within": "iiqqddddb",
+        "closest_of_pairs": "piiiirrqqddddp",
     },
 )
 
@@ -30,6 +30,8 @@ FOUND = np.dtype(
     ]
 )
 """What is found of a motion."""
+
+ROOM = 200_000  # for what is found at once, most of which is never touched
 
 
 class _LinearMotion(ctypes.Structure):
@@ -96,6 +98,35 @@ def closest_of_motions(
     return found[:count].copy()
 
 
+def closest_of_pairs(
+    motion: LinearMotion,
+    pairs: tuple[Int[Array, "p"], Int[Array, "p"]],
+    flown: Float[Array, "n intervals 15"],
+    sag: Float[Array, "n intervals"],
+    scale: Float[Array, "p 3"] | None,
+    within: Float[Array, "p"],
+    h: float,
+    tolerance: float,
+) -> Shaped[Array, "near"]:
+    """As ``closest_of_motions``, of pairs of craft in all intervals of h s.
+
+    Flown are states at the end and at the start of each interval, and controls. In an interval a
+    craft stays within ``sag``, m, of uniform motion along its chord. An index is that of the
+    interval times the number of pairs, and that of the pair.
+    """
+    count, intervals = len(within), flown.shape[1]
+    together, parts = max(1, ROOM // max(1, count)), []
+    for begin in range(0, intervals, together):
+        end = min(begin + together, intervals)
+        found = np.empty(count * (end - begin), FOUND)
+        over = ctypes.byref(motion.compiled), count, intervals, begin, end, h, tolerance
+        where = *pairs, flown, sag, scale, within
+        near = LIBRARY.call("closest_of_pairs", *over, *where, found.ctypes.data)
+        parts.append(found[:near].copy())
+        parts[-1]["index"] += begin * count
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
 def closest_of_cubics(
     ends: tuple[Float[Array, "k 6"], Float[Array, "k 6"]],
     h: float,
@@ -113,21 +144,3 @@ def closest_of_cubics(
     given = *ends, scale, remainder, within
     LIBRARY.call("closest_of_cubics", len(within), h, tolerance, *given, *found)
     return when, distance, bound
-
-
-def pairs_within(
-    states: Float[Array, "n T 6"],
-    sag: Float[Array, "n intervals"],
-    pairs: tuple[Int[Array, "p"], Int[Array, "p"]],
-    within: Float[Array, "p"],
-    scale: Float[Array, "p 3"] | None,
-) -> Bool[Array, "intervals p"]:
-    """Which pairs may come within a distance, m, in which intervals.
-
-    In an interval a craft stays within ``sag``, m, of uniform motion along its chord. Distances are
-    measured in scaled axes.
-    """
-    near = np.empty((sag.shape[1], len(within)), dtype=bool)
-    given = *pairs, states, sag, within, scale
-    LIBRARY.call("pairs_within", len(within), len(near), *given, near)
-    return near

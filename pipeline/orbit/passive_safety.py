@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from pipeline.arrays import Array, Bool, Float
-from pipeline.orbit.approaches import Approaches, approaches_of_pairs, close_approaches
+from pipeline.orbit.approaches import Approaches, approaches_of_motions, close_approaches
 from pipeline.orbit.arrays import Controls, CraftMask, Formation, States, Values
 from pipeline.orbit.drift_search import BlockSearch, DriftingPaths
 from pipeline.orbit.participants import Obstacle, Participants, at_the_end
@@ -73,7 +73,7 @@ def _closest(
     drifting = np.matvec(paths.drift(node, interval - node), paths.states[lost, node])
     start = drifting - paths.states[other, interval]
     motions, who = np.concatenate([start, -held], axis=1), (lost, other, interval, node)
-    return approaches_of_pairs(motions, who, reach, paths.swarms, dynamics, length)
+    return approaches_of_motions(motions, who, reach, paths.swarms, dynamics, length)
 
 
 def _closest_sampled(paths: DriftingPaths) -> list[Separation]:

@@ -200,9 +200,9 @@ def test_pairs_of_which_neither_moved_are_left_out():
     assert set(zip(found.first, found.second, strict=True)) == {(0, 1), (0, 2)}
 
 
-def thousand_on_rings():
-    """States, controls and problem of minimum-energy transfers of a thousand craft on rings."""
-    scenario = draw("rings", 2022, 1000, 0, Problem())
+def on_rings(n):
+    """States, controls and problem of minimum-energy transfers of craft on rings."""
+    scenario = draw("rings", 2022, n, 0, Problem())
     problem = scenario.problem
     controls = minimum_energy(scenario.initial, scenario.goal, problem)
     return fly(scenario.initial, controls, problem), controls, problem
@@ -210,7 +210,7 @@ def thousand_on_rings():
 
 def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(monkeypatch):
     """In a thousand craft on rings, of which some meet."""
-    states, controls, problem = thousand_on_rings()
+    states, controls, problem = on_rings(1000)
     at_once = close_approaches(states, controls, problem, within=20.0)
     monkeypatch.setattr("pipeline.orbit.approaches.TOGETHER", 100)
     monkeypatch.setattr("pipeline.orbit.approaches.PAIRS_AT_ONCE", 1000)
@@ -220,11 +220,21 @@ def test_searched_in_portions_or_at_once_a_large_swarm_has_the_same_approaches(m
         assert np.array_equal(getattr(parts, name), getattr(at_once, name))
 
 
+def test_searched_interval_by_interval_or_at_once_all_pairs_have_the_same_approaches(monkeypatch):
+    flown = on_rings(30)
+    at_once = close_approaches(*flown, within=60.0)
+    monkeypatch.setattr("pipeline.orbit.closest.ROOM", 1)
+    parts = close_approaches(*flown, within=60.0)
+    assert len(np.unique(at_once.interval)) > 3
+    for name in ("first", "second", "interval", "offset", "distance", "bound"):
+        assert np.array_equal(getattr(parts, name), getattr(at_once, name))
+
+
 @pytest.mark.parametrize("count", [1, 40])
 def test_few_moved_craft_of_a_large_swarm_have_the_approaches_that_are_found_among_all(
     count, monkeypatch
 ):
-    states, controls, problem = thousand_on_rings()
+    states, controls, problem = on_rings(1000)
     found = close_approaches(states, controls, problem, within=60.0)
     often = np.bincount(np.concatenate([found.first, found.second]), minlength=1000)
     moved = np.isin(np.arange(1000), (-often).argsort(kind="stable")[:count])
