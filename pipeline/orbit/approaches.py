@@ -14,7 +14,6 @@ from pipeline.orbit.arrays import (
     Scalar,
     States,
     Values,
-    Vector,
     norm,
 )
 from pipeline.orbit.closest import closest_of_motions, closest_of_pairs
@@ -182,14 +181,6 @@ def _compared_pairs(swarms: SwarmPartition, moved: CraftMask | None) -> Pairs | 
     once = (one < other) | ~moved[other]
     one, other = one[once], other[once]
     return np.divmod(np.sort(n * np.minimum(one, other) + np.maximum(one, other)), n)
-
-
-def chord_balls(begin: Vector, end: Vector, sag: Scalar) -> tuple[Vector, Scalar]:
-    """Centre and radius of a ball about the chord of a motion that strays up to ``sag`` from it, m.
-
-    For h s of constant control |p - chord| ≤ h²/8 max|p̈|.
-    """
-    return (begin + end) / 2, norm(end - begin) / 2 + sag
 
 
 def _chords(

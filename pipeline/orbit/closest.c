@@ -397,15 +397,22 @@ int64_t closest_of_motions(const LinearMotion *linear, int64_t motions, double h
   return count;
 }
 
-/* The same for pairs of craft in each of some intervals from the plan's `first_interval` on.
+/* A ball about the middle of a chord that contains a motion, and how far that strays from it, m. */
+typedef struct {
+  Vector middle;
+  double radius;
+  double sag;
+} Ball;
+
+/* The same for pairs of craft in each of some intervals from `begin` to before `end`.
 
    Flown are (craft, intervals, 15): states at both ends of an interval, its end first, and controls.
    A craft strays up to `sag` from its chord, (craft, intervals). An index is that of an interval,
    counted from the first of these, times the number of pairs, and that of a pair. */
-int64_t closest_of_pairs(const LinearMotion *linear, int64_t pairs, int64_t intervals,
-                         int64_t begin, int64_t end, double h, double tolerance,
+int64_t closest_of_pairs(const LinearMotion *linear, int64_t craft, int64_t pairs,
+                         int64_t intervals, int64_t begin, int64_t end, double h, double tolerance,
                          const int64_t *first, const int64_t *second, const double *flown,
-                         const double *sag, const double *scale, const double *within,
+                         const double *sag, const double *scale, const double *within, Ball *balls,
                          Found *found) {
   Motion motion = {.linear = linear};
   Map to_end;
@@ -416,16 +423,32 @@ int64_t closest_of_pairs(const LinearMotion *linear, int64_t pairs, int64_t inte
   for (int64_t k = begin; k < end; k++) {
     if (k == begin || linear->intervals > 1) map_at(linear, k, h, to_end);
     motion.interval = k;
-    for (int64_t p = 0; p < pairs; p++) {
-      int64_t i = first[p] * intervals + k, j = second[p] * intervals + k;
-      const double *one = flown + 15 * i, *other = flown + 15 * j;
-      motion.scale = scale ? scale + 3 * p : 0;
+    for (int64_t i = 0; i < craft; i++) {
+      const double *one = flown + 15 * (i * intervals + k);
       for (int d = 0; d < 3; d++) {
-        double axis = motion.scale ? motion.scale[d] : 1;
+        chord[d] = (one[d] - one[6 + d]) / 2;
+        balls[i].middle[d] = one[6 + d] + chord[d];
+      }
+      balls[i].sag = sag[i * intervals + k];
+      balls[i].radius = sqrt(dot(chord, chord)) + balls[i].sag;
+    }
+    for (int64_t p = 0; p < pairs; p++) {
+      const Ball *here = balls + first[p], *there = balls + second[p];
+      motion.scale = scale ? scale + 3 * p : 0;
+      double reach = within[p] + here->radius + there->radius;
+      for (int d = 0; d < 3; d++) {
+        from[d] = here->middle[d] - there->middle[d];
+        if (scale) from[d] *= motion.scale[d];
+      }
+      if (!(dot(from, from) <= reach * reach)) continue;
+      const double *one = flown + 15 * (first[p] * intervals + k);
+      const double *other = flown + 15 * (second[p] * intervals + k);
+      for (int d = 0; d < 3; d++) {
+        double axis = scale ? motion.scale[d] : 1;
         from[d] = axis * (one[6 + d] - other[6 + d]);
         chord[d] = axis * (one[d] - other[d]) - from[d];
       }
-      if (!(chord_distance(from, chord) <= within[p] + sag[i] + sag[j])) continue;
+      if (!(chord_distance(from, chord) <= within[p] + here->sag + there->sag)) continue;
       for (int d = 0; d < 9; d++) given[d] = one[6 + d] - other[6 + d];
       if (!find_motion(&motion, h, tolerance, within[p], to_end, &found[count])) continue;
       found[count++].index = (k - begin) * pairs + p;

@@ -15,7 +15,7 @@ LIBRARY = CompiledLibrary(
     {
         "closest_of_motions": "pirrdqddp",
         "closest_of_cubics": "irrdddddddd",
-        "closest_of_pairs": "piiiirrqqddddp",
+        "closest_of_pairs": "piiiiirrqqdddddp",
     },
 )
 
@@ -114,13 +114,13 @@ def closest_of_pairs(
     craft stays within ``sag``, m, of uniform motion along its chord. An index is that of the
     interval times the number of pairs, and that of the pair.
     """
-    count, intervals = len(within), flown.shape[1]
-    together, parts = max(1, ROOM // max(1, count)), []
+    count, (n, intervals, _) = len(within), flown.shape
+    together, balls, parts = max(1, ROOM // max(1, count)), np.empty((n, 5)), []
     for begin in range(0, intervals, together):
         end = min(begin + together, intervals)
         found = np.empty(count * (end - begin), FOUND)
-        over = ctypes.byref(motion.compiled), count, intervals, begin, end, h, tolerance
-        where = *pairs, flown, sag, scale, within
+        over = ctypes.byref(motion.compiled), n, count, intervals, begin, end, h, tolerance
+        where = *pairs, flown, sag, scale, within, balls
         near = LIBRARY.call("closest_of_pairs", *over, *where, found.ctypes.data)
         parts.append(found[:near].copy())
         parts[-1]["index"] += begin * count

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Array, Bool, Float, Int
 from pipeline.errors import InputError
-from pipeline.orbit.approaches import chord_balls, chord_distances
+from pipeline.orbit.approaches import chord_distances
 from pipeline.orbit.arrays import Controls, CraftMask, Indices, States, norm
 from pipeline.orbit.dynamics import Dynamics
 from pipeline.orbit.linearized import LinearizedDynamics
@@ -201,6 +201,10 @@ class BlockSearch:
 def _block_balls(
     states: Float[Array, "n k ends 6"], sag: Float[Array, "n k blocks"]
 ) -> tuple[Float[Array, "n times 3"], Float[Array, "n times"]]:
-    """Bounding ball of each craft's path in each block of time steps: centre and radius, m."""
-    centre, size = chord_balls(states[:, :, :-1, :3], states[:, :, 1:, :3], sag)
+    """Bounding ball of each craft's path in each block of time steps: centre and radius, m.
+
+    About the middle of its chord, from which it strays up to ``sag``, m.
+    """
+    begin, end = states[:, :, :-1, :3], states[:, :, 1:, :3]
+    centre, size = (begin + end) / 2, norm(end - begin) / 2 + sag
     return centre.reshape(len(size), -1, 3), size.reshape(len(size), -1)
