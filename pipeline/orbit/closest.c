@@ -1,7 +1,7 @@
 /* Closest approaches, for pipeline/orbit/closest.py: the least distance of motions from the origin.
 
-   On a stretch of a relative motion the position is a cubic Bezier curve c(s), 0 <= s <= 1, in m, up
-   to a remainder. Arrays are contiguous. Results consist of sums, products, quotients and square
+   On a stretch of a relative motion the position is a cubic Bezier curve c(s), 0 <= s <= 1, in m,
+   up to a remainder. Arrays are contiguous. Results consist of sums, products, quotients and square
    roots in a fixed order, so that they are the same bits on every machine, whatever is searched
    beside. */
 #include <math.h>
@@ -34,7 +34,9 @@ static double smaller(double a, double b) { return b < a ? b : a; }
 static double larger(double a, double b) { return b > a ? b : a; }
 static double share(double s) { return smaller(larger(s, 0), 1); } /* the nearest in 0 to 1 */
 
-static double dot(const Vector a, const Vector b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static double dot(const Vector a, const Vector b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 /* Where on a chord from a point it is closest to the origin, 0 to 1. */
 static double along(const Vector begin, const Vector chord) {
@@ -378,7 +380,8 @@ static int find_motion(Motion *motion, double h, double tolerance, double within
 
 /* Closest points to the origin of those motions over h s that may come within their reach.
 
-   Motions are states and controls, (motions, 9), at starts of intervals. Returns how many it found. */
+   Motions are states and controls, (motions, 9), at starts of intervals. Returns how many it
+   found. */
 int64_t closest_of_motions(const LinearMotion *linear, int64_t motions, double h, double tolerance,
                            const double *given, const int64_t *interval, const double *scale,
                            const double *within, Found *found) {
@@ -406,9 +409,9 @@ typedef struct {
 
 /* The same for pairs of craft in each of some intervals from `begin` to before `end`.
 
-   Flown are (craft, intervals, 15): states at both ends of an interval, its end first, and controls.
-   A craft strays up to `sag` from its chord, (craft, intervals). An index is that of an interval,
-   counted from the first of these, times the number of pairs, and that of a pair. */
+   Flown are (craft, intervals, 15): states at both ends of an interval, its end first, and
+   controls. A craft strays up to `sag` from its chord, (craft, intervals). An index is that of an
+   interval, counted from the first of these, times the number of pairs, and that of a pair. */
 int64_t closest_of_pairs(const LinearMotion *linear, int64_t craft, int64_t pairs,
                          int64_t intervals, int64_t begin, int64_t end, double h, double tolerance,
                          const int64_t *first, const int64_t *second, const double *flown,
